@@ -1,0 +1,89 @@
+"""Rigid spheres with perfectly inelastic, frictionless collisions.
+
+Spheres of equal mass. A step moves them freely, then resolves contacts in
+`PASSES` Gauss-Seidel sweeps over the pairs: touching spheres that approach
+lose their relative normal velocity (restitution 0, momentum kept), and
+overlap is undone by moving both apart. Contact with solids is `contact`'s,
+the same as for the liquid.
+"""
+
+from typing import Any
+
+from pourcast.engine.compile import kernel
+from pourcast.engine.contact import collide_with_box, collide_with_polygons
+from pourcast.engine.simd import (
+    LANES,
+    any_less,
+    load,
+    maximum,
+    minimum,
+    splat,
+    sqrt,
+    store,
+    where_less,
+)
+from pourcast.engine.sph import integrate
+
+PASSES = 4
+
+
+@kernel
+def collide_spheres(state: Any, lanes: Any) -> None:
+    """One sweep over all pairs: no approach and no overlap along the line of centres."""
+    x, y, z = state.position[0], state.position[1], state.position[2]
+    u, v, w = state.velocity[0], state.velocity[1], state.velocity[2]
+    diameter = 2.0 * load(lanes.radius, 0)
+    touching = diameter * diameter
+    zero, tiny = splat(0.0), splat(1e-12)
+    for i in range(1, state.density.shape[0]):
+        xi, yi, zi = load(x, i), load(y, i), load(z, i)
+        for j in range(i):
+            dx, dy, dz = xi - load(x, j), yi - load(y, j), zi - load(z, j)
+            r2 = dx * dx + dy * dy + dz * dz
+            if not any_less(r2, touching):
+                continue
+            inverse = 1.0 / sqrt(maximum(r2, tiny))
+            dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
+            du, dv, dw = load(u, i) - load(u, j), load(v, i) - load(v, j), load(w, i) - load(w, j)
+            approach = minimum(du * dx + dv * dy + dw * dz, zero)
+            impulse = where_less(r2, touching, -0.5 * approach, zero)
+            store(u, i, load(u, i) + impulse * dx)
+            store(v, i, load(v, i) + impulse * dy)
+            store(w, i, load(w, i) + impulse * dz)
+            store(u, j, load(u, j) - impulse * dx)
+            store(v, j, load(v, j) - impulse * dy)
+            store(w, j, load(w, j) - impulse * dz)
+            shift = where_less(r2, touching, 0.5 * (diameter - r2 * inverse), zero)
+            xi, yi, zi = xi + shift * dx, yi + shift * dy, zi + shift * dz
+            store(x, j, load(x, j) - shift * dx)
+            store(y, j, load(y, j) - shift * dy)
+            store(z, j, load(z, j) - shift * dz)
+        store(x, i, xi)
+        store(y, i, yi)
+        store(z, i, zi)
+
+
+@kernel
+def advance(state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps: int) -> None:
+    """Move 16 simulations of spheres on by a number of steps.
+
+    Parameters
+    ----------
+    state
+        The spheres; changed in place. Their acceleration must be zero.
+    lanes
+        Parameters of the lanes.
+    solids, cells
+        Polygons and broad phase (`contact`).
+    step
+        Time step [s].
+    steps
+        How many.
+    """
+    slots = state.density.shape[0] * LANES
+    for _ in range(steps):
+        integrate(state, lanes, step)
+        for _ in range(PASSES):
+            collide_spheres(state, lanes)
+            collide_with_box(state, lanes)
+            collide_with_polygons(state, lanes, solids, cells, slots)

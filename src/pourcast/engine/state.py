@@ -1,0 +1,82 @@
+"""Arrays that the kernels work on: the state of a block and the parameters of its lanes.
+
+The last axis of every array has 16 places (`simd.LANES`). A block holds either
+16 simulations of N particles in lockstep (row = particle, lane = simulation)
+or one large simulation (row * 16 + lane = particle). Everything that happens
+to a particle by itself is the same code in both.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pourcast.engine.simd import LANES
+
+Floats = NDArray[np.float32]
+
+
+class State(NamedTuple):
+    """Particles of a block; `row_count` rows of 16."""
+
+    position: Floats
+    """Particle positions [m], shape [3, row_count, 16]."""
+    velocity: Floats
+    """Particle velocities [m/s], shape [3, row_count, 16]."""
+    acceleration: Floats
+    """Accelerations by pressure and viscosity [m/s^2], shape [3, row_count, 16]."""
+    density: Floats
+    """Density over rest density, shape [row_count, 16]."""
+    pressure: Floats
+    """(density - 1) / density^2, at least 0: pressure over c^2 rho0 density^2."""
+    previous: Floats
+    """x and y before the last step [m], shape [2, row_count, 16]."""
+    touched: NDArray[np.uint8]
+    """Whether a particle ever met an obstacle, shape [row_count, 16]."""
+
+
+class Lanes(NamedTuple):
+    """Parameters of the 16 lanes of a block, each of shape [16]."""
+
+    scene: NDArray[np.int64]
+    """Index of the scene whose polygons are met; -1 for an empty lane."""
+    width: Floats
+    depth: Floats
+    ceiling: Floats
+    """Height of the lid [m]; infinite for an open box."""
+    radius: Floats
+    """Contact radius of the particles [m]."""
+    inverse_support: Floats
+    """1 / support radius [1/m]."""
+    reference_density: Floats
+    """Kernel sum that counts as rest density (`packing`)."""
+    pressure_factor: Floats
+    """20 c^2 / (H^2 reference density) [1/s^2]."""
+    viscosity_factor: Floats
+    """Artificial viscosity's factor, see `sph` [m^2/s^2 / m^2 * m * m/s]."""
+    separation_floor: Floats
+    """0.01 h^2 [m^2], keeps the viscosity finite for touching particles."""
+    gravity: Floats
+    damping: Floats
+    keep_normal: Floats
+    """Share of the normal speed that adhesion leaves after one step."""
+    keep_tangential: Floats
+
+
+def empty_state(row_count: int) -> State:
+    """Arrays of a block, all zero."""
+    return State(
+        position=np.zeros((3, row_count, LANES), np.float32),
+        velocity=np.zeros((3, row_count, LANES), np.float32),
+        acceleration=np.zeros((3, row_count, LANES), np.float32),
+        density=np.ones((row_count, LANES), np.float32),
+        pressure=np.zeros((row_count, LANES), np.float32),
+        previous=np.zeros((2, row_count, LANES), np.float32),
+        touched=np.zeros((row_count, LANES), np.uint8),
+    )
+
+
+def empty_lanes() -> Lanes:
+    """Parameters of a block without simulations; harmless values, no scene."""
+    ones = {name: np.ones(LANES, np.float32) for name in Lanes._fields if name != "scene"}
+    return Lanes(scene=np.full(LANES, -1, np.int64), **ones)
