@@ -57,3 +57,19 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file (UTF-8, line feeds) through `replacing`."""
     with replacing(path) as temporary:
         temporary.write_bytes(text.encode())
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a file name that can't be written, before long work is done for it.
+
+    Raises
+    ------
+    InputError
+        If the folder can't be made or written.
+    """
+    with suppress(_Trial), replacing(path):
+        raise _Trial
+
+
+class _Trial(Exception):
+    """Leaves `replacing` before anything is renamed."""

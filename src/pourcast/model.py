@@ -15,7 +15,7 @@ import importlib
 import tomllib
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pourcast.errors import InputError
 from pourcast.liquid import HONEY_EXP1, HONEY_EXP2, LIQUIDS, Liquid
 from pourcast.scene import Scene
-from pourcast.simulate import Pour, Progress, simulate
+from pourcast.simulation import Pour, Progress, simulate
 
 ENTRY_POINT_GROUP = "pourcast.models"
 
@@ -171,15 +171,25 @@ def zeta_window(damping_zeta: float, zeta_sigma: int) -> list[float]:
     return [zeta for zeta in window if zeta >= 0.0]
 
 
-def mean_judgments(
-    scenes: Sequence[Scene],
-    pours_of: Callable[[Scene], Sequence[Pour]],
-    progress: Progress | None = None,
-) -> NDArray[np.float64]:
-    """Simulate several pours for each scene, and average their judgments."""
-    pours = [list(pours_of(scene)) for scene in scenes]
-    outcomes = iter(simulate([pour for group in pours for pour in group], progress=progress))
-    return np.array([np.mean([next(outcomes).judgment for _ in group]) for group in pours])
+class SimulationModel(Model):
+    """A model that judges by running pours and averaging what they say."""
+
+    @abstractmethod
+    def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
+        """Pours whose judgments are averaged for a scene; the middle one is the typical one."""
+
+    def judge(
+        self,
+        scenes: Sequence[Scene],
+        liquid: Liquid,
+        seed: int = 0,
+        *,
+        progress: Progress | None = None,
+    ) -> NDArray[np.float64]:
+        """Judge scenes: the mean over `pours`. See `Model.judge`."""
+        groups = [self.pours(scene, liquid, seed) for scene in scenes]
+        outcomes = iter(simulate([pour for group in groups for pour in group], progress=progress))
+        return np.array([np.mean([next(outcomes).judgment for _ in group]) for group in groups])
 
 
 # Names -------------------------------------------------------------------------------
@@ -230,6 +240,27 @@ def model_class(name: str) -> type[Model]:
     if not (isinstance(found, type) and issubclass(found, Model)):
         raise InputError(f"model {name!r}: expected a subclass of pourcast.Model, found {found!r}")
     return found
+
+
+def parameter_table(name: str) -> list[dict[str, Any]]:
+    """Parameters of a family or third-party model: name, default, unit, range, meaning."""
+    return [
+        {
+            "parameter": entry.name,
+            "default": entry.default,
+            "unit": entry.metadata.get("unit", ""),
+            "range": _range_of(entry.metadata),
+            "meaning": entry.metadata.get("doc", ""),
+        }
+        for entry in fields(model_class(name))
+    ]
+
+
+def _range_of(rules: typing.Mapping[str, Any]) -> str:
+    if rules.get("choices"):
+        return ", ".join(rules["choices"])
+    low, high = rules.get("low"), rules.get("high")
+    return "" if low is None and high is None else f"{low} to {high}"
 
 
 def make_model(spec: str) -> Model:

@@ -38,6 +38,8 @@ Polygon = tuple[Point, ...]
 
 _MIN_AREA = 1e-8
 _TOLERANCE = 1e-9
+_SLACK = 1e-6
+"""Coordinates are rounded to a micrometre; things that touch may overlap by as much [m]."""
 _LARGEST_LENGTH = 20.0
 
 
@@ -226,16 +228,12 @@ class Scene(_Frozen):
     @model_validator(mode="after")
     def _fits(self) -> "Scene":
         box = self.box
-        inside = shapely.box(-1e-6, -1e-6, box.width + 1e-6, box.height + 1e-6)
+        inside = shapely.box(-_SLACK, -_SLACK, box.width + _SLACK, box.height + _SLACK)
         blob = shapely.Point(self.liquid.centre)
         radius = self.liquid.diameter / 2
         x, y = self.liquid.centre
-        if not (
-            radius <= x + 1e-9
-            and x <= box.width - radius + 1e-9
-            and radius <= y + 1e-9
-            and y <= box.height - radius + 1e-9
-        ):
+        margins = (x, y, box.width - x, box.height - y)
+        if min(margins) < radius - _SLACK:
             raise ValueError("liquid: the cylinder is not inside the box")
         parts = [(f"obstacle {k}", p) for k, p in enumerate(self.obstacles)]
         parts += [(f"goal ({self.goal.kind})", p) for p in self.goal.solids]
@@ -245,7 +243,7 @@ class Scene(_Frozen):
                 raise ValueError(
                     f"{name} is outside the box of {box.width:g} m x {box.height:g} m"
                 )
-            if shape.distance(blob) < radius - 1e-6:
+            if shape.distance(blob) < radius - _SLACK:
                 raise ValueError(f"{name} overlaps the liquid's start")
         return self
 

@@ -16,7 +16,7 @@ from pourcast.errors import InputError
 from pourcast.liquid import HONEY_EXP2, WATER, Liquid
 from pourcast.model import make_model
 from pourcast.scene import Scene
-from pourcast.simulate import Pour, simulate
+from pourcast.simulation import Pour, simulate
 
 BATCH = 64
 """Scenes that are drawn and simulated together."""
@@ -153,7 +153,7 @@ def contrasting_scenes(
     count: int,
     seed: int,
     *,
-    candidates: int = 1500,
+    candidates: int = 1000,
     confirm_factor: float = 2.5,
     rule: CoarseFilter | None = None,
     report: Report | None = None,

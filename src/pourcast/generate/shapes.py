@@ -18,6 +18,8 @@ CIRCLE_SIDES = 32
 
 CUP_PLACES = 5
 
+_TRIES = 100
+
 
 @dataclass(frozen=True)
 class ShapesFamily:
@@ -63,30 +65,31 @@ class ShapesFamily:
         Returns
         -------
         Scene or None
-            None if shapes came too close to each other or to the liquid.
+            None if no room was found for all the shapes.
         """
         box = Box()
-        liquid = LiquidStart(
-            centre=(
-                round(box.width / 2 + rng.uniform(-self.liquid_spread, self.liquid_spread), DECIMALS),
-                self.liquid_y,
-            )
-        )
-        obstacles = tuple(self._shape(rng, box.width) for _ in range(self.shape_count))
+        liquid_x = box.width / 2 + rng.uniform(-self.liquid_spread, self.liquid_spread)
+        liquid = LiquidStart(centre=(round(liquid_x, DECIMALS), self.liquid_y))
         place = rng.integers(CUP_PLACES)
         half = box.width / 6
         centre = half + place * (box.width - 2 * half) / (CUP_PLACES - 1)
-        shapes = [shapely.Polygon(p) for p in obstacles]
-        blob = shapely.Point(liquid.centre).buffer(liquid.diameter / 2)
+        obstacles: list[Polygon] = []
+        taken = [shapely.Point(liquid.centre).buffer(liquid.diameter / 2)]
         inside = shapely.box(0.0, 0.0, box.width, box.height)
-        for k, shape in enumerate(shapes):
-            others = [*shapes[:k], blob]
-            if not inside.covers(shape) or any(shape.distance(o) < self.gap for o in others):
-                return None
+        for _ in range(_TRIES):
+            outline = self._shape(rng, box.width)
+            shape = shapely.Polygon(outline)
+            if inside.covers(shape) and all(shape.distance(other) >= self.gap for other in taken):
+                obstacles.append(outline)
+                taken.append(shape)
+            if len(obstacles) == self.shape_count:
+                break
+        else:
+            return None
         return Scene(
             id=scene_id,
             box=box,
-            obstacles=obstacles,
+            obstacles=tuple(obstacles),
             liquid=liquid,
             goal=Cup(centre_x=round(centre, DECIMALS), width=round(2 * half, DECIMALS)),
         )

@@ -36,7 +36,7 @@ class VoronoiFamily:
         The liquid's centre is drawn uniformly within this distance of the middle [m].
     """
 
-    cell_count: int = 110
+    cell_count: int = 60
     band_bottom: float = 0.3
     band_top: float = 1.25
     solid_area: float = 0.12

@@ -1,26 +1,21 @@
 """Intuitive Fluids Engine: few SPH particles, strongly damped."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pourcast.liquid import Liquid
 from pourcast.model import (
     IMAGINED_LIQUIDS,
-    Model,
+    SimulationModel,
     imagined_liquid,
-    mean_judgments,
     parameter,
     zeta_window,
 )
 from pourcast.scene import Scene
-from pourcast.simulate import MAX_PARTICLES, Pour, Progress
+from pourcast.simulation import MAX_PARTICLES, Pour
 
 
 @dataclass(frozen=True)
-class IntuitiveFluidsEngine(Model):
+class IntuitiveFluidsEngine(SimulationModel):
     """SPH with few particles and damping; the mean over a window of dampings.
 
     Bates et al., section "Intuitive Fluids Engine". With zeta = 0, sigma = 0 and
@@ -39,24 +34,13 @@ class IntuitiveFluidsEngine(Model):
         None, low=0, high=10, doc="artificial viscosity; none: the liquid's own"
     )
 
-    def judge(
-        self,
-        scenes: Sequence[Scene],
-        liquid: Liquid,
-        seed: int = 0,
-        *,
-        progress: Progress | None = None,
-    ) -> NDArray[np.float64]:
-        """Judge scenes; deterministic, the seed is not used. See `Model.judge`."""
-
-        def pours(scene: Scene) -> list[Pour]:
-            imagined = imagined_liquid(self.liquid, liquid, scene)
-            if self.viscosity_alpha is not None:
-                imagined = replace(imagined, viscosity_alpha=self.viscosity_alpha)
-            window = zeta_window(self.damping_zeta, self.zeta_sigma)
-            return [Pour(scene, imagined, self.n_particles, zeta) for zeta in window]
-
-        return mean_judgments(scenes, pours, progress)
+    def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
+        """One pour for each damping of the window; the seed is not used."""
+        imagined = imagined_liquid(self.liquid, liquid, scene)
+        if self.viscosity_alpha is not None:
+            imagined = replace(imagined, viscosity_alpha=self.viscosity_alpha)
+        window = zeta_window(self.damping_zeta, self.zeta_sigma)
+        return [Pour(scene, imagined, self.n_particles, zeta) for zeta in window]
 
 
 MODEL = IntuitiveFluidsEngine

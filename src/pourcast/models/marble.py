@@ -1,21 +1,17 @@
 """MarbleSim: the IFE's particles as rigid, inelastic spheres."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pourcast.liquid import WATER, Liquid
-from pourcast.model import Model, mean_judgments, parameter, zeta_window
+from pourcast.model import SimulationModel, parameter, zeta_window
 from pourcast.scene import Scene
-from pourcast.simulate import Pour, Progress
+from pourcast.simulation import Pour
 
 MAX_MARBLES = 300
 
 
 @dataclass(frozen=True)
-class MarbleSim(Model):
+class MarbleSim(SimulationModel):
     """Rigid, perfectly inelastic spheres instead of SPH forces; never sticky.
 
     Bates et al., section "Alternative models".
@@ -29,23 +25,10 @@ class MarbleSim(Model):
         4, unit="1/s", low=0, high=20, doc="half-width sigma of the window of dampings"
     )
 
-    def judge(
-        self,
-        scenes: Sequence[Scene],
-        liquid: Liquid,
-        seed: int = 0,
-        *,
-        progress: Progress | None = None,
-    ) -> NDArray[np.float64]:
-        """Judge scenes; deterministic, liquid and seed are not used. See `Model.judge`."""
-
-        def pours(scene: Scene) -> list[Pour]:
-            window = zeta_window(self.damping_zeta, self.zeta_sigma)
-            return [
-                Pour(scene, WATER, self.n_particles, zeta, kind="marbles") for zeta in window
-            ]
-
-        return mean_judgments(scenes, pours, progress)
+    def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
+        """One pour for each damping of the window; liquid and seed are not used."""
+        window = zeta_window(self.damping_zeta, self.zeta_sigma)
+        return [Pour(scene, WATER, self.n_particles, zeta, kind="marbles") for zeta in window]
 
 
 MODEL = MarbleSim

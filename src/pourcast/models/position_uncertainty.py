@@ -1,22 +1,20 @@
 """PositionUncertainty: true physics from a noisy start."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from pourcast.liquid import Liquid
-from pourcast.model import IMAGINED_LIQUIDS, Model, imagined_liquid, mean_judgments, parameter
+from pourcast.model import IMAGINED_LIQUIDS, SimulationModel, imagined_liquid, parameter
 from pourcast.scene import Scene
-from pourcast.simulate import MAX_PARTICLES, Pour, Progress
+from pourcast.simulation import MAX_PARTICLES, Pour
 
 _TRIES = 1000
 
 
 @dataclass(frozen=True)
-class PositionUncertainty(Model):
+class PositionUncertainty(SimulationModel):
     """Undamped SPH whose start is displaced at random, averaged over draws.
 
     The authors' earlier model: Bates, Yildirim, Tenenbaum & Battaglia (2015),
@@ -31,25 +29,14 @@ class PositionUncertainty(Model):
     damping_zeta: float = parameter(0.0, unit="1/s", low=0, high=100, doc="damping zeta")
     liquid: str = parameter("trial", choices=IMAGINED_LIQUIDS, doc="liquid in the model's head")
 
-    def judge(
-        self,
-        scenes: Sequence[Scene],
-        liquid: Liquid,
-        seed: int = 0,
-        *,
-        progress: Progress | None = None,
-    ) -> NDArray[np.float64]:
-        """Judge scenes; a scene's draws depend on the seed and on the scene alone."""
-
-        def pours(scene: Scene) -> list[Pour]:
-            rng = np.random.default_rng([seed, int(scene.digest, 16)])
-            imagined = imagined_liquid(self.liquid, liquid, scene)
-            return [
-                Pour(scene, imagined, self.n_particles, self.damping_zeta, offset)
-                for offset in self._offsets(scene, rng)
-            ]
-
-        return mean_judgments(scenes, pours, progress)
+    def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
+        """One pour for each displacement; they depend on the seed and on the scene alone."""
+        rng = np.random.default_rng([seed, int(scene.digest, 16)])
+        imagined = imagined_liquid(self.liquid, liquid, scene)
+        return [
+            Pour(scene, imagined, self.n_particles, self.damping_zeta, offset)
+            for offset in self._offsets(scene, rng)
+        ]
 
     def _offsets(self, scene: Scene, rng: np.random.Generator) -> list[tuple[float, float]]:
         """Displacements that leave the liquid inside the box and clear of all solids."""

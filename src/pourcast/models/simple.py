@@ -12,7 +12,7 @@ from pourcast.engine.contact import pack_solids
 from pourcast.liquid import Liquid
 from pourcast.model import Model, parameter
 from pourcast.scene import Scene
-from pourcast.simulate import Progress
+from pourcast.simulation import Progress
 
 M_STEP = 0.02
 """Step of the average over m [m]: the spacing of the paper's 11 values."""

@@ -134,7 +134,8 @@ def _part_of(element: Any) -> str | None:
 def _outline(element: Any) -> BaseGeometry | None:
     """Area that a shape covers, in the drawing's units; holes by the even-odd rule."""
     area: BaseGeometry = shapely.Polygon()
-    for subpath in SvgPath(element).as_subpaths():
+    # abs() applies the element's transform, a group's rotation for example.
+    for subpath in abs(SvgPath(element)).as_subpaths():
         points: list[tuple[float, float]] = []
         for segment in SvgPath(subpath):
             if isinstance(segment, Move | Close | Line):

@@ -1,0 +1,5 @@
+"""`python -m pourcast`."""
+
+from pourcast.cli import main
+
+main()

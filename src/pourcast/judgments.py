@@ -1,0 +1,141 @@
+"""Judgments of models on scenes, as a tidy table."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pourcast.errors import InputError
+from pourcast.files import replacing
+from pourcast.model import make_model, resolve_liquid
+from pourcast.scene import Scene
+
+Report = Callable[[str, int, int], None]
+"""Called with a model's name, the simulations done, and how many there are."""
+
+TABLE_SUFFIXES = (".csv", ".parquet")
+
+
+def predict(
+    scenes: Sequence[Scene],
+    models: Sequence[str],
+    liquid: str = "water",
+    seed: int = 0,
+    *,
+    report: Report | None = None,
+) -> pd.DataFrame:
+    """Let models judge scenes.
+
+    Parameters
+    ----------
+    scenes
+        The scenes.
+    models
+        Model specs such as ``water-ife`` or ``ife:n_particles=75``.
+    liquid
+        Liquid that is shown in the trials. Most presets fix the liquid in the
+        model's head, and judge any trial with that.
+    seed
+        Source of all randomness.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    DataFrame
+        One row per scene and model: `scene`, `digest`, `liquid`, `model`,
+        `parameters` (JSON), `seed`, `judgment`.
+
+    Raises
+    ------
+    InputError
+        If a model or the liquid is wrong; nothing has been simulated then.
+    """
+    built = {spec: make_model(spec) for spec in dict.fromkeys(models)}
+    by_goal = {kind: resolve_liquid(liquid, s) for s in scenes for kind in (s.goal.kind,)}
+    tables = []
+    for spec, model in built.items():
+
+        def progress(done: int, total: int, spec: str = spec) -> None:
+            if report is not None:
+                report(spec, done, total)
+
+        judgments = np.empty(len(scenes))
+        for kind, trial_liquid in by_goal.items():
+            members = [k for k, scene in enumerate(scenes) if scene.goal.kind == kind]
+            shown = [scenes[k] for k in members]
+            judgments[members] = model.judge(shown, trial_liquid, seed, progress=progress)
+        tables.append(
+            pd.DataFrame(
+                {
+                    "scene": [scene.id for scene in scenes],
+                    "digest": [scene.digest for scene in scenes],
+                    "liquid": [by_goal[scene.goal.kind].name for scene in scenes],
+                    "model": spec,
+                    "parameters": json.dumps(model.parameters()),
+                    "seed": seed,
+                    "judgment": judgments,
+                }
+            )
+        )
+    return pd.concat(tables, ignore_index=True)
+
+
+def summarise(table: pd.DataFrame, reference: str | None = None) -> pd.DataFrame:
+    """One row per model: mean, spread, and correlation with a reference model.
+
+    Parameters
+    ----------
+    table
+        Judgments, from `predict`.
+    reference
+        Model to correlate with; by default the first whose name begins with
+        ``truth``, else the first.
+
+    Returns
+    -------
+    DataFrame
+        Indexed by model: `mean`, `sd`, and ``r with <reference>`` (Pearson, over
+        the scenes; not a number with fewer than 3 scenes or without spread).
+    """
+    wide = table.pivot(index="scene", columns="model", values="judgment")
+    wide = wide[list(dict.fromkeys(table["model"]))]
+    if reference is None:
+        truths = [name for name in wide.columns if str(name).startswith("truth")]
+        reference = truths[0] if truths else str(wide.columns[0])
+    summary = pd.DataFrame({"mean": wide.mean(), "sd": wide.std(ddof=0)})
+    spread = wide.loc[:, summary["sd"] > 1e-12]
+    enough = len(wide) >= 3 and reference in spread.columns
+    correlation = spread.corrwith(spread[reference]) if enough else pd.Series(dtype=float)
+    summary[f"r with {reference}"] = correlation.reindex(summary.index)
+    return summary
+
+
+def check_table_path(path: Path) -> None:
+    """Refuse a table's file name whose extension is not known.
+
+    Raises
+    ------
+    InputError
+        If it is neither .csv nor .parquet.
+    """
+    if path.suffix.lower() not in TABLE_SUFFIXES:
+        raise InputError(f"{path}: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
+
+
+def write_table(path: Path, table: pd.DataFrame) -> None:
+    """Write a table as CSV or Parquet, by the extension; whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the extension is not known or the file can't be written.
+    """
+    check_table_path(path)
+    with replacing(path) as temporary:
+        if path.suffix.lower() == ".csv":
+            table.to_csv(temporary, index=False, lineterminator="\n")
+        else:
+            table.to_parquet(temporary, index=False)

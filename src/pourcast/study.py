@@ -1,0 +1,123 @@
+"""The study folder: `study.toml` says how it was made, `scenes.json` holds the scenes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pourcast.errors import InputError
+from pourcast.files import write_text
+from pourcast.generate.select import Report, Selection, contrasting_scenes, filtered_scenes
+from pourcast.generate.shapes import ShapesFamily
+from pourcast.generate.voronoi import VoronoiFamily
+from pourcast.scene import Scene, read_scenes, write_scenes
+
+EXPERIMENTS = ("exp1", "exp2")
+
+DEFAULT_SCENES = {"exp1": 120, "exp2": 60}
+"""The paper's set sizes."""
+
+
+@dataclass(frozen=True)
+class SceneRequest:
+    """What scenes are wanted: experiment, number, seed, and size of Experiment 2's pool."""
+
+    experiment: str
+    count: int
+    seed: int
+    candidates: int
+
+    def __post_init__(self) -> None:
+        if self.experiment not in EXPERIMENTS:
+            raise InputError(
+                f"experiment: expected {' or '.join(EXPERIMENTS)}, found {self.experiment!r}"
+            )
+        if self.count < 1:
+            raise InputError(f"scenes: expected at least 1, found {self.count}")
+        if self.seed < 0:
+            raise InputError(f"seed: expected 0 or more, found {self.seed}")
+
+
+def generate_scenes(request: SceneRequest, report: Report | None = None) -> Selection:
+    """Draw, filter and (Experiment 2) choose scenes.
+
+    Parameters
+    ----------
+    request
+        What is wanted.
+    report
+        Told of the progress.
+    """
+    if request.experiment == "exp1":
+        return filtered_scenes(VoronoiFamily(), request.count, request.seed, report=report)
+    return contrasting_scenes(
+        ShapesFamily(), request.count, request.seed, candidates=request.candidates, report=report
+    )
+
+
+def new_study(folder: Path, request: SceneRequest, report: Report | None = None) -> Selection:
+    """Make a study folder with fresh scenes.
+
+    Parameters
+    ----------
+    folder
+        The folder; must not exist, or be empty.
+    request
+        The scenes wanted.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something already, or can't be written.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: exists and is not an empty folder; choose another name")
+    write_text(folder / "study.toml", _study_toml(request))
+    selection = generate_scenes(request, report)
+    write_scenes(folder / "scenes.json", selection.scenes)
+    return selection
+
+
+def _study_toml(request: SceneRequest) -> str:
+    lines = [
+        "# A pourcast study. Every command takes this folder in place of a scene file.",
+        f'experiment = "{request.experiment}"',
+        'scenes = "scenes.json"',
+        "",
+        "[generated]",
+        f"count = {request.count}",
+        f"seed = {request.seed}",
+    ]
+    if request.experiment == "exp2":
+        lines.append(f"candidates = {request.candidates}")
+    return "\n".join(lines) + "\n"
+
+
+def load_scenes(path: Path) -> list[Scene]:
+    """Scenes of a scene file or of a study folder.
+
+    Raises
+    ------
+    InputError
+        If there are none, or they are not valid.
+    """
+    return read_scenes(path / "scenes.json" if path.is_dir() else path)
+
+
+def pick_scene(scenes: list[Scene], wanted: str, source: Path) -> Scene:
+    """Scene of an id, or of a number counted from 1.
+
+    Raises
+    ------
+    InputError
+        If there is no such scene.
+    """
+    for scene in scenes:
+        if scene.id == wanted:
+            return scene
+    if wanted.isdecimal() and 1 <= int(wanted) <= len(scenes):
+        return scenes[int(wanted) - 1]
+    raise InputError(
+        f"{source}: scene: expected a number from 1 to {len(scenes)} or an id such as "
+        f"{scenes[0].id!r}, found {wanted!r}"
+    )
