@@ -75,9 +75,9 @@ def job(position: npt.NDArray[np.float32], **changes: object) -> Job:
 
 
 def run_one(one: Job, step: float, duration: float, solids: Solids = NO_SOLIDS, **kwargs) -> Result:
-    """Run a job for exactly `duration` in ten frames, whether it rests or not."""
-    steps = max(1, round(duration / step / 10))
-    jobs = [Job(**{**vars(one), "duration": 10 * steps * step, "rim": -1e9})]
+    """Run a job for exactly `duration`, as a single frame, in which it can't be found at rest."""
+    steps = round(duration / step)
+    jobs = [Job(**{**vars(one), "duration": steps * step})]
     return run_batch(jobs, solids, Stepping(step, steps), threads=1, **kwargs)[0]
 
 

@@ -1,4 +1,4 @@
-"""pourcast: how do people think this liquid will flow?
+"""Models of how people think that a liquid will flow.
 
 Scenes go in at one end, judgments come out at the other:
 
@@ -16,9 +16,10 @@ if TYPE_CHECKING:
     from pourcast.demo import demo_scenes
     from pourcast.errors import InputError
     from pourcast.generate.importers import import_scene
+    from pourcast.judgments import predict, summarise
     from pourcast.liquid import HONEY_EXP1, HONEY_EXP2, WATER, Liquid
     from pourcast.model import Model, SimulationModel, make_model, model_names, parameter
-    from pourcast.judgments import predict, summarise
+    from pourcast.pictures import show
     from pourcast.scene import (
         Basins,
         Box,
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
         read_scenes,
         write_scenes,
     )
-    from pourcast.pictures import show
     from pourcast.simulation import EngineSettings, Outcome, Pour, simulate
 
 __version__ = "0.1.0"

@@ -78,7 +78,9 @@ def progress_bar() -> Iterator[Any]:
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         task = bar.add_task("starting", total=None)
 
         def report(what: str, done: int, total: int) -> None:
@@ -145,7 +147,7 @@ def scenes(
     candidates: CandidatesOption = 1000,
     as_json: JsonOption = False,
 ) -> None:
-    """Generate scenes: drawn at random, filtered by coarse simulations, for exp2 chosen for contrast.
+    """Generate scenes: drawn at random, filtered by simulation, for exp2 chosen for contrast.
 
     Example: pourcast scenes exp1 -n 120 --seed 1 -o scenes.json
     """

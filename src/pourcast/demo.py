@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from pourcast.model import presets
 from pourcast.judgments import predict
-from pourcast.scene import Scene, read_scenes
+from pourcast.model import presets
 from pourcast.pictures import show
+from pourcast.scene import Scene, read_scenes
 
 FILM_MODELS = ("truth-water", "water-ife", "truth-honey")
 PICTURE_MODELS = ("water-ife", "honey-ife-1", "water-simple")

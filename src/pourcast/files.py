@@ -67,9 +67,9 @@ def check_writable(path: Path) -> None:
     InputError
         If the folder can't be made or written.
     """
-    with suppress(_Trial), replacing(path):
-        raise _Trial
+    with suppress(_OnlyTryingError), replacing(path):
+        raise _OnlyTryingError
 
 
-class _Trial(Exception):
+class _OnlyTryingError(Exception):
     """Leaves `replacing` before anything is renamed."""

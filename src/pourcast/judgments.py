@@ -83,33 +83,34 @@ def predict(
     return pd.concat(tables, ignore_index=True)
 
 
-def summarise(table: pd.DataFrame, reference: str | None = None) -> pd.DataFrame:
-    """One row per model: mean, spread, and correlation with a reference model.
+def summarise(table: pd.DataFrame, references: Sequence[str] = ()) -> pd.DataFrame:
+    """One row per model: mean, spread, and correlations with reference models.
 
     Parameters
     ----------
     table
         Judgments, from `predict`.
-    reference
-        Model to correlate with; by default the first whose name begins with
-        ``truth``, else the first.
+    references
+        Models to correlate with; by default all whose names begin with
+        ``truth``, else the first of the table.
 
     Returns
     -------
     DataFrame
-        Indexed by model: `mean`, `sd`, and ``r with <reference>`` (Pearson, over
-        the scenes; not a number with fewer than 3 scenes or without spread).
+        Indexed by model: `mean`, `sd`, and for each reference a column
+        ``r with <reference>`` (Pearson, over the scenes; not a number with fewer
+        than 3 scenes or without spread).
     """
     wide = table.pivot(index="scene", columns="model", values="judgment")
     wide = wide[list(dict.fromkeys(table["model"]))]
-    if reference is None:
-        truths = [name for name in wide.columns if str(name).startswith("truth")]
-        reference = truths[0] if truths else str(wide.columns[0])
+    names = [str(name) for name in wide.columns]
+    truths = [name for name in names if name.startswith("truth")]
     summary = pd.DataFrame({"mean": wide.mean(), "sd": wide.std(ddof=0)})
     spread = wide.loc[:, summary["sd"] > 1e-12]
-    enough = len(wide) >= 3 and reference in spread.columns
-    correlation = spread.corrwith(spread[reference]) if enough else pd.Series(dtype=float)
-    summary[f"r with {reference}"] = correlation.reindex(summary.index)
+    for reference in references or truths or names[:1]:
+        enough = len(wide) >= 3 and reference in spread.columns
+        correlation = spread.corrwith(spread[reference]) if enough else pd.Series(dtype=float)
+        summary[f"r with {reference}"] = correlation.reindex(summary.index)
     return summary
 
 

@@ -119,7 +119,11 @@ def _check(owner: str, name: str, value: Any, rules: typing.Mapping[str, Any]) -
     low, high = rules.get("low"), rules.get("high")
     if value is None or isinstance(value, str):
         return
-    if not np.isfinite(value) or (low is not None and value < low) or (high is not None and value > high):
+    if (
+        not np.isfinite(value)
+        or (low is not None and value < low)
+        or (high is not None and value > high)
+    ):
         unit = f" {rules['unit']}" if rules.get("unit") else ""
         raise InputError(f"{owner}: {name}: expected {low:g} to {high:g}{unit}, found {value:g}")
 
@@ -313,5 +317,7 @@ def _parse(model: str, key: str, text: str, wanted: Any) -> Any:
                 return convert(text)
             except ValueError:
                 kind = {int: "a whole number", float: "a number"}.get(convert, "text")
-                raise InputError(f"model {model!r}: {key}: expected {kind}, found {text!r}") from None
+                raise InputError(
+                    f"model {model!r}: {key}: expected {kind}, found {text!r}"
+                ) from None
     raise InputError(f"model {model!r}: {key} cannot be set here")

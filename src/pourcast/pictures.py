@@ -304,23 +304,24 @@ def _save_film(
     numbers = list(range(last)) + [last - 1] * round(_HOLD_SECONDS * FRAME_RATE)
     if path.suffix == ".gif":
         numbers = numbers[::_GIF_STRIDE]
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     # What stands still is drawn once; animated artists are left out of `draw`.
     for artist in [*(artist for artist, _ in artists), *solids]:
         artist.set_animated(True)
     canvas.draw()
-    background = canvas.copy_from_bbox(figure.bbox)
+    renderer = canvas.get_renderer()
+    background = renderer.copy_from_bbox(figure.bbox)
 
     def picture(k: int) -> NDArray[np.uint8]:
-        canvas.restore_region(background)
+        renderer.restore_region(background)
         for artist, one in artists:
             _move_liquid(artist, scene, one, numbers[k])
-            artist.axes.draw_artist(artist)
+            artist.draw(renderer)
         for solid in solids:
-            solid.axes.draw_artist(solid)
+            solid.draw(renderer)
         if progress is not None:
             progress(k + 1, len(numbers))
-        return np.array(canvas.buffer_rgba())[:, :, :3]
+        return np.array(renderer.buffer_rgba())[:, :, :3]
 
     if path.suffix == ".gif":
         _write_gif(path, picture, len(numbers))
@@ -370,4 +371,3 @@ def _write_mp4(path: Path, picture: Callable[[int], NDArray[np.uint8]], count: i
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
-

@@ -18,7 +18,6 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    TypeAdapter,
     ValidationError,
     field_validator,
     model_validator,
@@ -240,9 +239,7 @@ class Scene(_Frozen):
         for name, polygon in parts:
             shape = shapely.Polygon(polygon)
             if not inside.covers(shape):
-                raise ValueError(
-                    f"{name} is outside the box of {box.width:g} m x {box.height:g} m"
-                )
+                raise ValueError(f"{name} is outside the box of {box.width:g} m x {box.height:g} m")
             if shape.distance(blob) < radius - _SLACK:
                 raise ValueError(f"{name} overlaps the liquid's start")
         return self
@@ -261,7 +258,10 @@ class Scene(_Frozen):
     def mirrored(self) -> "Scene":
         """The scene seen in a mirror, left and right exchanged."""
         width = self.box.width
-        flip = lambda x: round(width - x, 9)  # noqa: E731 - rounding makes it its own inverse
+
+        def flip(x: float) -> float:
+            return round(width - x, 9)  # rounding makes it its own inverse
+
         return Scene(
             id=self.id,
             box=self.box,
@@ -280,7 +280,7 @@ class SceneFile(_Frozen):
     model_config = ConfigDict(title="pourcast scenes")
 
     format: Literal["pourcast-scenes"] = "pourcast-scenes"
-    schema_version: Literal[1] = SCHEMA_VERSION
+    schema_version: Literal[1] = 1
     units: Literal["m"] = "m"
     """Metres, always; here so that nobody has to guess."""
     scenes: tuple[Scene, ...] = Field(min_length=1)
@@ -383,5 +383,3 @@ def write_scenes(path: str | Path, scenes: Sequence[Scene]) -> None:
         If the file can't be written.
     """
     write_text(Path(path), scenes_to_json(scenes))
-
-

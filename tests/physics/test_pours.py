@@ -42,19 +42,23 @@ def energy(one, state, lane):
 
 @pytest.mark.parametrize("kind", ["liquid", "marbles"])
 def test_no_centre_is_ever_inside_a_solid(kind):
-    scenes = random_scenes(500 if kind == "liquid" else 500, seed=7)
-    outcomes = simulate([Pour(s, WATER, 16, kind=kind) for s in scenes], settings=SHORT, record=True)
+    scenes = random_scenes(500, seed=7)
+    outcomes = simulate(
+        [Pour(s, WATER, 16, kind=kind) for s in scenes], settings=SHORT, record=True
+    )
     assert_outside(scenes, outcomes)
 
 
 def needle_scene(angle: float, tip_y: float) -> Scene:
     """A needle of one degree, straight below the liquid, and two that nearly meet below it."""
+
     def needle(x, y, turn, length=0.4):
         half = np.radians(0.5)
-        return tuple(
+        base = [
             (float(x + length * np.sin(turn + d)), float(y - length * np.cos(turn + d)))
             for d in (-half, half)
-        ) + ((x, y),)
+        ]
+        return (*base, (x, y))
 
     return Scene(
         id="needles",
@@ -181,9 +185,11 @@ def test_a_pour_ends_by_itself_and_says_what_is_left_on_an_obstacle():
 
 def test_the_early_end_does_not_change_judgments():
     # The rule "no particle has the head to climb the rim" against waiting for 6 s.
-    scenes = [scene for scene in random_scenes(40, seed=4)]
-    early = simulate([Pour(s, WATER, 30) for s in scenes], settings=EngineSettings(max_duration=6.0))
-    import pourcast.engine.batch as batch
+    scenes = random_scenes(40, seed=4)
+    early = simulate(
+        [Pour(s, WATER, 30) for s in scenes], settings=EngineSettings(max_duration=6.0)
+    )
+    from pourcast.engine import batch
 
     margin, batch.HEAD_MARGIN = batch.HEAD_MARGIN, -1.0
     try:

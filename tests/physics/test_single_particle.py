@@ -13,7 +13,16 @@ TILT = np.radians(30.0)
 DOWNHILL = np.array([np.cos(TILT), -np.sin(TILT)])
 NORMAL = np.array([np.sin(TILT), np.cos(TILT)])
 RAMP = pack_solids(
-    [[(np.array([[0.02, 0.02], [0.95, 0.02], [0.95, 0.2], [0.02, 0.2 + 0.93 * np.tan(TILT)]]), False)]]
+    [
+        [
+            (
+                np.array(
+                    [[0.02, 0.02], [0.95, 0.02], [0.95, 0.2], [0.02, 0.2 + 0.93 * np.tan(TILT)]]
+                ),
+                False,
+            )
+        ]
+    ]
 )
 
 
@@ -113,5 +122,3 @@ def test_free_fall_error_is_first_order_in_the_step():
     errors = [abs(run_one(job(START), s, 0.4).position[0, 1] - exact) for s in steps]
     order = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert order == pytest.approx(1.0, abs=0.05)
-
-

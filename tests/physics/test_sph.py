@@ -37,7 +37,9 @@ def test_kernel_is_normalised_and_its_gradient_is_its_derivative():
     assert kernel.NORMALISATION * total == pytest.approx(1.0, rel=1e-9)
     for r in (0.1, 0.4, 0.8):
         derivative = (weight(r + 1e-6) - weight(r - 1e-6)) / 2e-6
-        assert -kernel.GRADIENT_FACTOR * r * kernel.slope(1.0 - r) == pytest.approx(derivative, rel=1e-6)
+        assert -kernel.GRADIENT_FACTOR * r * kernel.slope(1.0 - r) == pytest.approx(
+            derivative, rel=1e-6
+        )
     # First moment of the gradient: integral of x dW/dx = -1.
     moment = quad(lambda r: 4 / 3 * np.pi * r**4 * kernel.slope(1.0 - r), 0, 1)[0]
     assert kernel.NORMALISATION * kernel.GRADIENT_FACTOR * moment == pytest.approx(1.0, rel=1e-9)
@@ -116,7 +118,7 @@ def test_block_at_rest_has_hydrostatic_pressure():
         viscosity_alpha=2.0,
     )  # fmt: skip
     end = run_one(one, 1.5e-4, 1.5)
-    assert np.abs(end.velocity).max() < 0.05
+    assert np.sqrt(np.mean(end.velocity**2)) < 0.02
     settled = Job(**{**vars(one), "position": end.position})
     pressure = 1000.0 * one.sound_speed**2 * np.maximum(oracle_density(settled) - 1.0, 0.0)
     height = end.position[:, 1]

@@ -229,7 +229,9 @@ def _new_block(count: int, *, large: bool) -> _Block:
     return _Block(empty_state(-(-count // LANES) if large else count), empty_lanes(), count)
 
 
-def _particles(array: NDArray[np.float32], count: int, lane: int, *, large: bool) -> NDArray[np.float32]:
+def _particles(
+    array: NDArray[np.float32], count: int, lane: int, *, large: bool
+) -> NDArray[np.float32]:
     """Positions or velocities [count, 3] of one simulation, as a copy."""
     rows = array.reshape(3, -1)[:, :count] if large else array[:, :, lane]
     return np.ascontiguousarray(rows.T)

@@ -169,7 +169,7 @@ def build_cells(solids: Any, extents: Any, reach: float) -> Any:
                 x, y = (column + 0.5) * size_x, (row + 0.5) * size_y
                 for polygon in range(solids.scene_start[scene], solids.scene_start[scene + 1]):
                     if signed_distance(x, y, polygon, far, solids)[0] <= far:
-                        found.append(polygon)
+                        found.append(np.int64(polygon))
                 cell += 1
                 start[cell] = len(found)
     polygons = np.empty(len(found), dtype=np.int64)

@@ -126,8 +126,10 @@ def reference_density(position: NDArray[np.float32], support_radius: float, dept
     sums = np.ones(len(place))
     pairs = KDTree(place).query_pairs(support_radius, output_type="ndarray")
     gaps = np.linalg.norm(place[pairs[:, 0]] - place[pairs[:, 1]], axis=1)
-    shares = shape.py_func(1.0 - gaps / support_radius) if hasattr(shape, "py_func") else shape(
-        1.0 - gaps / support_radius
+    shares = (
+        shape.py_func(1.0 - gaps / support_radius)
+        if hasattr(shape, "py_func")
+        else shape(1.0 - gaps / support_radius)
     )
     for side in range(2):
         np.add.at(sums, pairs[:, side], shares)

@@ -146,7 +146,7 @@ if numba.config.DISABLE_JIT:
 
 else:
 
-    @intrinsic  # type: ignore[no-redef,untyped-decorator]
+    @intrinsic  # type: ignore[untyped-decorator]
     def load(typingctx: Any, array: Any, row: Any) -> Any:
         """Row `row` of a C-contiguous float32 array, seen as rows of 16 values."""
 
@@ -155,7 +155,7 @@ else:
 
         return vector(array, types.intp), generate
 
-    @intrinsic  # type: ignore[no-redef,untyped-decorator]
+    @intrinsic  # type: ignore[untyped-decorator]
     def store(typingctx: Any, array: Any, row: Any, value: Any) -> Any:
         """Write a vector to row `row` of a C-contiguous float32 array."""
 
@@ -165,7 +165,7 @@ else:
 
         return types.void(array, types.intp, vector), generate
 
-    @intrinsic  # type: ignore[no-redef,untyped-decorator]
+    @intrinsic  # type: ignore[untyped-decorator]
     def splat(typingctx: Any, value: Any) -> Any:
         """The same value in all 16 lanes."""
 
@@ -174,22 +174,22 @@ else:
 
         return vector(value), generate
 
-    @intrinsic  # type: ignore[no-redef,untyped-decorator]
+    @intrinsic  # type: ignore[untyped-decorator]
     def sqrt(typingctx: Any, value: Any) -> Any:
         """Square root, lane by lane."""
         return vector(vector), _llvm_math("sqrt")
 
-    @intrinsic  # type: ignore[no-redef,untyped-decorator]
+    @intrinsic  # type: ignore[untyped-decorator]
     def minimum(typingctx: Any, a: Any, b: Any) -> Any:
         """Smaller value, lane by lane."""
         return vector(vector, vector), _llvm_math("minnum")
 
-    @intrinsic  # type: ignore[no-redef,untyped-decorator]
+    @intrinsic  # type: ignore[untyped-decorator]
     def maximum(typingctx: Any, a: Any, b: Any) -> Any:
         """Larger value, lane by lane."""
         return vector(vector, vector), _llvm_math("maxnum")
 
-    @intrinsic  # type: ignore[no-redef,untyped-decorator]
+    @intrinsic  # type: ignore[untyped-decorator]
     def where_less(typingctx: Any, a: Any, b: Any, then: Any, otherwise: Any) -> Any:
         """`then` in the lanes where a < b, `otherwise` in the others."""
 
@@ -198,7 +198,7 @@ else:
 
         return vector(vector, vector, vector, vector), generate
 
-    @intrinsic  # type: ignore[no-redef,untyped-decorator]
+    @intrinsic  # type: ignore[untyped-decorator]
     def any_less(typingctx: Any, a: Any, b: Any) -> Any:
         """Whether a < b in any lane."""
 

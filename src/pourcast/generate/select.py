@@ -196,10 +196,12 @@ def contrasting_scenes(
         raise InputError(f"candidates: expected at least {count} (the scenes wanted)")
     pool = filtered_scenes(family, candidates, seed, rule=rule, report=report)
     screened = np.array([_screen(pool.scenes, liquid, report) for liquid in (WATER, HONEY_EXP2)])
-    promising = choose_contrast(*screened, min(round(confirm_factor * count), candidates))
+    water, honey = screened
+    promising = choose_contrast(water, honey, min(round(confirm_factor * count), candidates))
     scenes = [pool.scenes[k] for k in promising]
     confirmed = np.array([_confirm(scenes, name, report) for name in ("water-ife", "honey-ife-1")])
-    chosen = choose_contrast(*confirmed, count)
+    water, honey = confirmed
+    chosen = choose_contrast(water, honey, count)
     order = np.random.default_rng(seed).permutation(chosen)
     return Selection(
         _numbered([scenes[k] for k in order], family.name),

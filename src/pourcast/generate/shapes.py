@@ -101,6 +101,9 @@ class ShapesFamily:
         y = rng.uniform(self.band_bottom, self.band_top)
         angles = rng.uniform(0.0, 2 * np.pi) + 2 * np.pi * np.arange(sides) / sides
         return tuple(
-            (round(float(x + radius * np.cos(a)), DECIMALS), round(float(y + radius * np.sin(a)), DECIMALS))
+            (
+                round(float(x + radius * np.cos(a)), DECIMALS),
+                round(float(y + radius * np.sin(a)), DECIMALS),
+            )
             for a in angles
         )

@@ -22,6 +22,9 @@ _TOUCH = 1e-9
 _INSIDE = 1e-6
 """A path is blocked by a solid only if it runs inside it for this long [m]."""
 _ON_TOP = 1e-5
+"""A point this little [m] below a surface is on it."""
+_PROBE = 3e-6
+"""Past an edge, another solid this near [m] closes the gap."""
 
 
 @dataclass(frozen=True)
@@ -149,8 +152,9 @@ def top_of(polygon: int, x: float, solids: Any) -> tuple[float, int]:
         if solids.normals[k, 1] <= 1e-12:
             continue
         # Counter-clockwise, an upper edge runs from right to left.
-        right, left = solids.vertices[k, 0], solids.vertices[k, 0] - (
-            solids.lengths[k] * solids.normals[k, 1]
+        right, left = (
+            solids.vertices[k, 0],
+            solids.vertices[k, 0] - (solids.lengths[k] * solids.normals[k, 1]),
         )
         if left - 1e-12 <= x <= right + 1e-12:
             fall = solids.normals[k, 0] / solids.normals[k, 1]
@@ -180,9 +184,7 @@ def direction_on(polygon: int, x: float, g: float, chance: float, solids: Any) -
 
 
 @allocating_kernel
-def walk(
-    x: float, y: float, g: float, m: float, chances: Any, solids: Any, width: float
-) -> Any:
+def walk(x: float, y: float, g: float, m: float, chances: Any, solids: Any, width: float) -> Any:
     """Follow one point from its start to where it stays.
 
     Parameters
@@ -213,59 +215,78 @@ def walk(
     on, skip = -1, -1
     while count < len(path) - 2:
         if on < 0:
-            t, hit = first_hit(x, y, x, -1.0, skip, solids)
-            t_floor = y / (y + 1.0)
-            if hit < 0 or t >= t_floor:
-                path[count, 0], path[count, 1] = x, 0.0
-                count += 1
+            t, on = first_hit(x, y, x, -1.0, skip, solids)
+            if on < 0 or t >= y / (y + 1.0):
+                count = _add_corner(path, count, x, 0.0)
                 break
-            y -= t * (y + 1.0)
-            on, skip = hit, -1
-            path[count, 0], path[count, 1] = x, y
-            count += 1
+            y, skip = y - t * (y + 1.0), -1
+            count = _add_corner(path, count, x, y)
         if way[on] == 0:
             way[on] = direction_on(on, x, g, chances[on], solids)
         heading = way[on]
-        # One straight piece of the surface.
-        _, edge = top_of(on, x + heading * 1e-8, solids)
-        if edge < 0:
-            # Off the edge: momentum carries the point on, then it falls.
-            left_behind, skip = on, on
-            on = -1
-            if m > 0.0 and not solids.is_goal[left_behind]:
-                goal_x = min(max(x + heading * m, 0.0), width)
-                if abs(goal_x - x) > _INSIDE:
-                    t, hit = first_hit(x, y, goal_x, y, left_behind, solids)
-                    x += t * (goal_x - x)
-                    path[count, 0], path[count, 1] = x, y
-                    count += 1
-                    if hit >= 0:
-                        if y >= top_of(hit, x + heading * 1e-8, solids)[0] - _ON_TOP:
-                            on = hit
-                        else:
-                            skip = hit
-                            x -= heading * 1e-7
-            continue
-        right = solids.vertices[edge, 0]
-        left = right - solids.lengths[edge] * solids.normals[edge, 1]
-        end_x = right if heading > 0 else left
-        fall = solids.normals[edge, 0] / solids.normals[edge, 1]
-        end_y = solids.vertices[edge, 1] - (end_x - right) * fall
-        t, hit = first_hit(x, y, end_x, end_y, on, solids)
-        x, y = x + t * (end_x - x), y + t * (end_y - y)
-        path[count, 0], path[count, 1] = x, y
-        count += 1
-        at_wall = x <= 1e-9 or x >= width - 1e-9
-        if at_wall and hit < 0:
-            break
+        end_x, end_y, at_edge = surface_end(on, x, y, heading, solids)
+        if at_edge:
+            t, hit = first_hit(x, y, x + heading * _PROBE, y, on, solids)
+            if hit < 0:
+                carried = 0.0 if solids.is_goal[on] else heading * m
+                x, on, skip = _leave_edge(x, y, carried, on, width, solids)
+                count = _add_corner(path, count, x, y)
+                continue
+        else:
+            t, hit = first_hit(x, y, end_x, end_y, on, solids)
+            x, y = x + t * (end_x - x), y + t * (end_y - y)
+            count = _add_corner(path, count, x, y)
+            if hit < 0 and (x <= 1e-9 or x >= width - 1e-9):
+                break  # A surface that ends at the side wall.
         if hit >= 0:
             if y < top_of(hit, x + heading * 1e-8, solids)[0] - _ON_TOP:
                 break  # In the notch below another solid's side: no way on.
+            if way[hit] == 0:
+                way[hit] = direction_on(hit, x + heading * 1e-8, g, chances[hit], solids)
             if way[hit] == -heading:
                 break  # Two surfaces that lead into each other.
             on = hit
     return path[:count].copy()
 
 
-MODEL = SimpleSim
+@kernel
+def _add_corner(path: Any, count: int, x: float, y: float) -> int:
+    """Append a corner unless the point hasn't moved; returns the number of corners."""
+    if abs(path[count - 1, 0] - x) + abs(path[count - 1, 1] - y) < 1e-9:
+        return count
+    path[count, 0], path[count, 1] = x, y
+    return count + 1
 
+
+@kernel
+def surface_end(polygon: int, x: float, y: float, heading: int, solids: Any) -> Any:
+    """End of the straight piece of surface ahead: x, y, and whether there is none (an edge)."""
+    _, edge = top_of(polygon, x + heading * 1e-8, solids)
+    if edge < 0:
+        return x, y, True
+    right = solids.vertices[edge, 0]
+    left = right - solids.lengths[edge] * solids.normals[edge, 1]
+    end_x = right if heading > 0 else left
+    fall = solids.normals[edge, 0] / solids.normals[edge, 1]
+    return end_x, solids.vertices[edge, 1] - (end_x - right) * fall, False
+
+
+@kernel
+def _leave_edge(
+    x: float, y: float, carried: float, polygon: int, width: float, solids: Any
+) -> tuple[float, int, int]:
+    """Momentum past an edge: new x, the polygon landed on (or -1), and the one to fall along."""
+    goal_x = min(max(x + carried, 0.0), width)
+    if abs(goal_x - x) <= _INSIDE:
+        return x, -1, polygon
+    t, hit = first_hit(x, y, goal_x, y, polygon, solids)
+    x += t * (goal_x - x)
+    if hit < 0:
+        return x, -1, -1
+    heading = 1.0 if carried > 0.0 else -1.0
+    if y >= top_of(hit, x + heading * 1e-8, solids)[0] - _ON_TOP:
+        return x, hit, -1
+    return x - heading * 1e-7, -1, hit
+
+
+MODEL = SimpleSim

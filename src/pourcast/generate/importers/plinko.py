@@ -96,13 +96,13 @@ def _drop(content: dict[str, Any], config: Any, path: Path) -> tuple[float, floa
     return number(x, path, where), middle + height / 2 + radius
 
 
-def _ngon(
-    entry: Any, path: Path, name: str, left: float, floor: float, scale: float
-) -> Polygon:
+def _ngon(entry: Any, path: Path, name: str, left: float, floor: float, scale: float) -> Polygon:
     where = f"config.obstacles.{name}"
     sides = number(member(entry, "n_sides", path, f"{where}.n_sides"), path, f"{where}.n_sides")
     if sides != int(sides) or not 3 <= sides <= 1000:
-        raise InputError(f"{path}: {where}.n_sides: expected a whole number from 3, found {sides:g}")
+        raise InputError(
+            f"{path}: {where}.n_sides: expected a whole number from 3, found {sides:g}"
+        )
     position = member(entry, "position", path, f"{where}.position")
     x, y = (
         number(member(position, axis, path, f"{where}.position.{axis}"), path, f"{where}.{axis}")

@@ -129,7 +129,9 @@ def _liquid(
     else:
         raise InputError(f"{path}: FluidModels: expected a liquid here or in FluidBlocks")
     area = abs(size[0] * size[1])
-    if content.get("FluidModels") and not str(entry.get("particleFile", "")).endswith("UnitBox.obj"):
+    if content.get("FluidModels") and not str(entry.get("particleFile", "")).endswith(
+        "UnitBox.obj"
+    ):
         area *= math.pi / 4  # a round mesh of this diameter
     x, y = np.array(centre[:2]) - origin
     return (round(float(x), 6), round(float(y), 6)), round(2 * math.sqrt(area / math.pi), 6)

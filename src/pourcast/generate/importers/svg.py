@@ -125,7 +125,11 @@ def _part_of(element: Any) -> str | None:
     if value > 0.97 and saturation < 0.03:
         return None  # a white background
     if saturation > 0.35 and value > 0.25:
-        for part, low, high in (("liquid", 0.5, 0.72), ("cup", 0.25, 0.45), ("divider", 0.95, 1.03)):
+        for part, low, high in (
+            ("liquid", 0.5, 0.72),
+            ("cup", 0.25, 0.45),
+            ("divider", 0.95, 1.03),
+        ):
             if low <= hue <= high or low <= hue + 1 <= high:
                 return part
     return "obstacle"

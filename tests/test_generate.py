@@ -1,0 +1,135 @@
+"""Scene families and the choice among their draws."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pourcast.errors import InputError
+from pourcast.generate.convex import convex_pieces
+from pourcast.generate.select import (
+    CoarseFilter,
+    choose_contrast,
+    contrasting_scenes,
+    drawn_scene,
+    filtered_scenes,
+)
+from pourcast.generate.shapes import ShapesFamily
+from pourcast.generate.voronoi import VoronoiFamily, bounded_voronoi
+from pourcast.scene import Cup, scenes_to_json
+
+
+def draws(family, count=40):
+    found = (drawn_scene(family, 0, index) for index in range(count))
+    return [scene for scene in found if scene is not None]
+
+
+def test_voronoi_cells_tile_the_box():
+    cells = [shapely.Polygon(p) for p in bounded_voronoi(np.random.default_rng(0), 70, 1.0, 1.5)]
+    assert len(cells) == 70
+    assert sum(cell.area for cell in cells) == pytest.approx(1.5, abs=1e-4)
+    assert shapely.union_all(cells).area == pytest.approx(1.5, abs=1e-4)
+
+
+def test_experiment_1_scenes_are_as_the_paper_says():
+    family = VoronoiFamily()
+    scenes = draws(family)
+    assert len(scenes) > 30
+    for scene in scenes:
+        area = sum(shapely.Polygon(p).area for p in scene.obstacles)
+        assert area == pytest.approx(0.12, rel=0.051)
+        heights = np.array([y for p in scene.obstacles for _, y in p])
+        assert heights.min() >= family.band_bottom
+        assert heights.max() <= family.band_top
+        assert (scene.box.width, scene.box.height, scene.liquid.diameter) == (1.0, 1.5, 0.148)
+        assert scene.goal.kind == "basins"
+        assert scene.goal.divider_x == 0.5
+
+
+def test_experiment_2_scenes_are_as_the_paper_says():
+    scenes = draws(ShapesFamily(), 80)
+    sides = {len(p) for scene in scenes for p in scene.obstacles}
+    assert sides == {3, 4, 32}
+    places = set()
+    for scene in scenes:
+        assert len(scene.obstacles) == 3
+        assert isinstance(scene.goal, Cup)
+        assert scene.goal.width == pytest.approx(1 / 3, abs=1e-6)
+        places.add(scene.goal.centre_x)
+        for p in scene.obstacles:
+            corners = np.array(p)
+            edges = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+            assert edges == pytest.approx(edges[0], abs=1e-5)
+    assert sorted(places) == pytest.approx([1 / 6, 1 / 3, 1 / 2, 2 / 3, 5 / 6], abs=1e-5)
+
+
+@pytest.mark.parametrize("family", [VoronoiFamily(), ShapesFamily()])
+def test_filtered_scenes_are_the_same_for_a_seed_and_pass_the_filter(family):
+    seen = []
+    first = filtered_scenes(family, 12, 3, report=lambda *report: seen.append(report))
+    again = filtered_scenes(family, 5, 3)
+    assert scenes_to_json(first.scenes[:5]) == scenes_to_json(again.scenes)
+    assert [s.id for s in first.scenes][:2] == [f"{family.name}-001", f"{family.name}-002"]
+    assert all(CoarseFilter().keeps(first.scenes))
+    assert 0 < first.kept <= first.drawn
+    assert seen[-1][1:] == (12, 12)
+    assert "draws kept" in seen[-1][0]
+    other = filtered_scenes(family, 2, 4).scenes
+    assert other[0].digest != first.scenes[0].digest
+
+
+def test_filter_drops_what_traps_and_what_misses():
+    strict = CoarseFilter(max_stranded=-1.0)
+    assert not any(strict.keeps(draws(VoronoiFamily(), 6)))
+    untouched = CoarseFilter(min_touched=1.1)
+    assert not any(untouched.keeps(draws(VoronoiFamily(), 6)))
+
+
+def test_a_family_that_never_passes_is_reported():
+    class Hopeless:
+        name = "hopeless"
+
+        def draw(self, rng, scene_id):
+            return None
+
+    with pytest.raises(InputError, match="only 0 of 2048 drawn hopeless scenes pass"):
+        filtered_scenes(Hopeless(), 1, 0)
+
+
+def test_contrast_is_chosen_in_both_directions():
+    # A cloud with correlation +0.8, as unselected scenes have it.
+    rng = np.random.default_rng(0)
+    water, honey = np.clip(
+        rng.multivariate_normal([0.4, 0.4], [[0.09, 0.072], [0.072, 0.09]], 3000), 0, 1
+    ).T
+    assert np.corrcoef(water, honey)[0, 1] > 0.7
+    chosen = choose_contrast(water, honey, 60)
+    assert len(set(chosen)) == 60
+    assert np.corrcoef(water[chosen], honey[chosen])[0, 1] < -0.7
+    assert np.sum(water[chosen] > honey[chosen] + 0.1) >= 25
+    assert np.sum(honey[chosen] > water[chosen] + 0.1) >= 25
+
+
+def test_contrasting_scenes_from_a_small_pool():
+    chosen = contrasting_scenes(ShapesFamily(), 6, 1, candidates=60)
+    again = contrasting_scenes(ShapesFamily(), 6, 1, candidates=60)
+    assert scenes_to_json(chosen.scenes) == scenes_to_json(again.scenes)
+    assert chosen.pool_correlation > 0.5
+    assert chosen.correlation < 0.0
+    with pytest.raises(InputError, match="candidates: expected at least 6"):
+        contrasting_scenes(ShapesFamily(), 6, 1, candidates=5)
+
+
+stars = st.lists(st.floats(0.1, 0.4), min_size=3, max_size=9)
+
+
+@given(stars)
+def test_any_star_is_split_into_convex_pieces_that_cover_it(radii):
+    angles = 2 * np.pi * np.arange(len(radii)) / len(radii)
+    star = shapely.Polygon(np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1) + 0.5)
+    pieces = [shapely.Polygon(p) for p in convex_pieces(star)]
+    assert sum(p.area for p in pieces) == pytest.approx(star.area, abs=1e-4)
+    for piece in pieces:
+        assert piece.convex_hull.area == pytest.approx(piece.area, abs=1e-9)
+        assert piece.exterior.is_ccw
