@@ -1,0 +1,55 @@
+"""Every command and every snippet of the documentation runs."""
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pourcast import cli
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+COMMANDS = ("demo", "scenes", "new", "predict", "show", "import", "export", "models")
+
+
+def snippets(page):
+    """(language, text) of the fenced blocks of a page."""
+    return re.findall(r"^```(\w+)\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "snippet"}
+    for language, text in snippets(page):
+        if language == "python":
+            exec(compile(text, str(page), "exec"), names)
+        for line in text.splitlines() if language == "sh" else ():
+            if line.startswith("pourcast "):
+                assert cli.run(shlex.split(line)[1:]) == 0, (line, capsys.readouterr().err)
+            else:
+                assert line.startswith("python3 -m venv"), f"{line!r} is run by no test"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+        if "://" not in target:
+            assert (page.parent / target).exists(), target
+
+
+def test_every_command_is_in_the_documentation():
+    text = "\n".join(page.read_text() for page in PAGES)
+    for command in COMMANDS:
+        assert f"pourcast {command}" in text
+
+
+def test_the_scene_of_the_reference_is_the_example():
+    from pourcast.scene import parse_scenes, read_scenes
+
+    page = ROOT / "docs" / "reference" / "scene-file.md"
+    text = next(text for language, text in snippets(page) if language == "json")
+    assert parse_scenes(text, "page") == read_scenes(ROOT / "examples" / "ramp.json")
