@@ -113,28 +113,31 @@ def signed_distance(x: float, y: float, polygon: int, reach: float, solids: Any)
     first, last = solids.polygon_start[polygon], solids.polygon_start[polygon + 1]
     highest, face = -np.inf, first
     for k in range(first, last):
-        height = (x - solids.vertices[k, 0]) * solids.normals[k, 0] + (
-            y - solids.vertices[k, 1]
-        ) * solids.normals[k, 1]
+        height = (x - solids.vertices[k, 0]) * solids.normals[k, 0]
+        height += (y - solids.vertices[k, 1]) * solids.normals[k, 1]
+        if height > reach:
+            return height, 0.0, 0.0
         if height > highest:
             highest, face = height, k
     normal_x, normal_y = solids.normals[face, 0], solids.normals[face, 1]
-    if highest <= 0.0 or highest > reach:
+    if highest <= 0.0:
         return highest, normal_x, normal_y
-    nearest = np.inf
+    # Outside: the closest point is on an edge that the point is in front of.
+    nearest, nearest_x, nearest_y = np.inf, 0.0, 0.0
     for k in range(first, last):
-        normal_kx, normal_ky = solids.normals[k, 0], solids.normals[k, 1]
+        edge_x, edge_y = solids.normals[k, 0], solids.normals[k, 1]
         from_x, from_y = x - solids.vertices[k, 0], y - solids.vertices[k, 1]
-        if from_x * normal_kx + from_y * normal_ky < 0.0:
+        if from_x * edge_x + from_y * edge_y < 0.0:
             continue
-        along = min(max(from_y * normal_kx - from_x * normal_ky, 0.0), solids.lengths[k])
-        gap_x, gap_y = from_x + along * normal_ky, from_y - along * normal_kx
-        distance = np.sqrt(gap_x * gap_x + gap_y * gap_y)
-        if distance < nearest:
-            nearest = distance
-            if distance > 1e-9:
-                normal_x, normal_y = gap_x / distance, gap_y / distance
-    return nearest, normal_x, normal_y
+        along = min(max(from_y * edge_x - from_x * edge_y, 0.0), solids.lengths[k])
+        gap_x, gap_y = from_x + along * edge_y, from_y - along * edge_x
+        squared = gap_x * gap_x + gap_y * gap_y
+        if squared < nearest:
+            nearest, nearest_x, nearest_y = squared, gap_x, gap_y
+    distance = np.sqrt(nearest)
+    if distance > 1e-9:
+        normal_x, normal_y = nearest_x / distance, nearest_y / distance
+    return distance, normal_x, normal_y
 
 
 @allocating_kernel
