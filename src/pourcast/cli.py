@@ -71,7 +71,7 @@ CandidatesOption = Annotated[
 
 @contextmanager
 def progress_bar() -> Iterator[Any]:
-    """A bar on stderr that appears for work of over two seconds; yields report(what, done, all)."""
+    """Progress bar on stderr, if that is a terminal; yields report(what, done, all)."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining
@@ -121,6 +121,7 @@ def print_json(content: Any) -> None:
 @app.command()
 def demo(
     out: Annotated[Path, typer.Option("--output", "-o", help="Folder to write to.")] = Path("demo"),
+    as_json: JsonOption = False,
 ) -> None:
     """Watch a pour, and read what every model says about it; takes under a minute.
 
@@ -130,6 +131,10 @@ def demo(
 
     with progress_bar() as report:
         result = run_demo(out, report)
+    if as_json:
+        files = {str(path): meaning for path, meaning in result.files.items()}
+        print_json({"judgments": result.table.to_dict(), "files": files})
+        return
     print_table(result.table)
     typer.echo("\nJudgments: share of the liquid in the right basin (exp1), in the cup (exp2).")
     for path, meaning in result.files.items():

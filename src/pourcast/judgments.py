@@ -54,7 +54,7 @@ def predict(
         If a model or the liquid is wrong; nothing has been simulated then.
     """
     built = {spec: make_model(spec) for spec in dict.fromkeys(models)}
-    by_goal = {kind: resolve_liquid(liquid, s) for s in scenes for kind in (s.goal.kind,)}
+    by_goal = {scene.goal.kind: resolve_liquid(liquid, scene) for scene in scenes}
     tables = []
     for spec, model in built.items():
 

@@ -24,10 +24,9 @@ def kernel_cache_dir() -> Path:
     where no cache folder can be written, a private temporary one serves.
     """
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
-        text = source.read_bytes()
-        if b"kernel\n" in text or source.parent == Path(__file__).parent:
-            digest.update(source.name.encode() + text)
+    package = Path(__file__).parents[1]
+    for source in sorted([*package.glob("engine/*.py"), *package.glob("models/*.py")]):
+        digest.update(source.name.encode() + source.read_bytes())
     parent = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("pourcast")
     folder = Path(parent) / f"kernels-{digest.hexdigest()[:12]}"
     try:
