@@ -129,7 +129,7 @@ def pack_cylinder(
         Particle positions [m], shape [count, 3].
     """
     cells = unit_cylinder_packing(count, round(depth / radius, 6)) * radius
-    return (cells + (centre[0], centre[1], 0.0)).astype(np.float32)
+    return (cells + np.array([*centre, 0.0])).astype(np.float32)
 
 
 def reference_density(position: NDArray[np.float32], support_radius: float, depth: float) -> float:
