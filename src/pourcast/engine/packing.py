@@ -129,7 +129,8 @@ def pack_cylinder(
         Particle positions [m], shape [count, 3].
     """
     cells = unit_cylinder_packing(count, round(depth / radius, 6)) * radius
-    return (cells + np.array([*centre, 0.0])).astype(np.float32)
+    moved: NDArray[np.float64] = cells + np.array([*centre, 0.0])
+    return moved.astype(np.float32)
 
 
 def reference_density(position: NDArray[np.float32], support_radius: float, depth: float) -> float:
