@@ -37,13 +37,13 @@ def settings() -> Iterator[tuple[VoronoiFamily, CoarseFilter]]:
         {"cell_count": 130},
         {"liquid_spread": 0.0},
         {"liquid_spread": 0.1},
-        {"liquid_spread": 0.3},
+        {"liquid_spread": 0.2},
         {"band_bottom": 0.5},
         {"band_top": 1.1},
         {"wall_gap": 0.06},
     ):
         yield replace(family, **change), rule
-    for min_touched in (0.2, 0.9):
+    for min_touched in (0.2, 0.5):
         yield family, replace(rule, min_touched=min_touched)
 
 

@@ -18,7 +18,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from pourcast.errors import InputError
-from pourcast.files import replacing
+from pourcast.files import check_writable, replacing
 from pourcast.liquid import Liquid
 from pourcast.model import Model, SimulationModel, make_model, resolve_liquid
 from pourcast.scene import Scene
@@ -64,22 +64,22 @@ def imagine(scene: Scene, spec: str, liquid: Liquid, seed: int = 0) -> Imagined:
         Source of randomness.
     """
     model = make_model(spec)
-    judgment = float(model.judge([scene], liquid, seed)[0])
     if isinstance(model, SimulationModel):
         pours = model.pours(scene, liquid, seed)
-        typical = pours[len(pours) // 2]
-        outcome = simulate([typical], record=True)[0]
+        outcomes = simulate(pours, record=True)
+        typical, outcome = pours[len(pours) // 2], outcomes[len(pours) // 2]
         kind = "honey" if typical.liquid.adhesion_tangential > 0 else "water"
         marbles = typical.kind == "marbles"
         return Imagined(
             name=spec,
-            judgment=judgment,
+            judgment=float(np.mean([each.judgment for each in outcomes])),
             frames=outcome.frames,
             paths=[],
             spacing=typical.spacing,
             colour=_MARBLE if marbles else _COLOURS[kind],
             marbles=marbles,
         )
+    judgment = float(model.judge([scene], liquid, seed)[0])
     return Imagined(spec, judgment, None, _paths(model, scene, seed), 0.0, _COLOURS["water"])
 
 
@@ -132,6 +132,7 @@ def show(
     trial_liquid = resolve_liquid(liquid, scene)
     if suffix in (".gif", ".mp4") and not models:
         raise InputError(f"{path}: a film needs at least one --model; a still scene is a .png")
+    check_writable(path)
     imagined = [imagine(scene, spec, trial_liquid, seed) for spec in models]
     with replacing(path) as temporary:
         if suffix in (".png", ".svg"):

@@ -42,7 +42,7 @@ class VoronoiFamily:
     solid_area: float = 0.12
     wall_gap: float = 0.0
     liquid_y: float = 1.4
-    liquid_spread: float = 0.2
+    liquid_spread: float = 0.3
     name: str = "exp1"
 
     def draw(self, rng: np.random.Generator, scene_id: str) -> Scene | None:
