@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from pourcast.engine.batch import Job, Stepping, available_cores, run_batch
-from pourcast.engine.contact import Solids, pack_solids
 from pourcast.engine.packing import (
     SUPPORT_IN_SPACINGS,
     pack_cylinder,
     reference_density,
     spacing_of,
 )
+from pourcast.engine.solids import Solids, pack_solids
 
 STEPS = 20_000
 BATCH = 64

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.engine.batch import Job, Result, Stepping, run_batch
-from pourcast.engine.contact import TOUCH_SKIN, Solids, obstacle_distances, pack_solids
+from pourcast.engine.contact import TOUCH_SKIN
 from pourcast.engine.packing import (
     SUPPORT_IN_SPACINGS,
     pack_cylinder,
     reference_density,
     spacing_of,
 )
+from pourcast.engine.solids import Solids, obstacle_distances, pack_solids
 from pourcast.errors import InputError
 from pourcast.liquid import Liquid
 from pourcast.scene import Scene

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.engine import neighbours, rigid, sph
-from pourcast.engine.contact import TOUCH_SKIN, Cells, Solids, build_cells
+from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN
 from pourcast.engine.kernel import GRADIENT_FACTOR
 from pourcast.engine.simd import LANES
+from pourcast.engine.solids import Cells, Solids, build_cells
 from pourcast.engine.state import Lanes, State, empty_lanes, empty_state
 
 REST_SPEED = 0.02
@@ -221,7 +222,7 @@ def _cells_of(jobs: Sequence[Job], solids: Solids) -> Cells:
     extents = np.ones((len(solids.scene_start) - 1, 2))
     for job in jobs:
         extents[job.scene] = job.width, job.height
-    reach = (1.0 + TOUCH_SKIN) * max(job.radius for job in jobs)
+    reach = (1.0 + TOUCH_SKIN + LIST_SKIN) * max(job.radius for job in jobs)
     return Cells(*build_cells(solids, extents, reach))
 
 
@@ -270,14 +271,16 @@ def _place(block: _Block, lane: int, job: Job, *, large: bool) -> None:
     if not large:
         state.position[:, :, lane] = job.position.T
         state.velocity[:, :, lane] = velocity.T
-        state.touched[:, lane] = 0
+        state.touched[:, lane] = 0.0
+        state.squared_slack[:, lane] = -1.0
         return
     # Padding rests on the floor; it is left out of every sum over pairs.
     state.position.reshape(3, -1)[:] = np.array([[job.width / 2], [job.radius], [job.depth / 2]])
     state.position.reshape(3, -1)[:, : block.count] = job.position.T
     state.velocity[:] = 0.0
     state.velocity.reshape(3, -1)[:, : block.count] = velocity.T
-    state.touched[:] = 0
+    state.touched[:] = 0.0
+    state.squared_slack[:] = -1.0
 
 
 def _advance(

@@ -1,307 +1,265 @@
 """Perfectly inelastic contact of spheres with convex polygons and with the box.
 
-A polygon stands for a prism through the whole depth of the box, so contact
-with it is a problem in the x-y plane. A sphere that overlaps a solid is moved
-out along the direction to the solid's closest point and loses the velocity
-component into the solid; the component along it stays (no friction). With
-adhesion, the two components decay at given rates while the sphere touches.
+A sphere that overlaps a solid is moved out along the direction to the solid's
+closest point and loses the velocity component into the solid; the component
+along it stays (no friction). With adhesion, the two components decay at given
+rates while the sphere touches.
 
-The closest point is taken on the edges, with the sign from the inside test. A
-largest-half-plane-distance test would treat a sharp corner as a long mitre.
+Every sphere keeps a list of the edges near it, which holds until it has moved
+by its `slack` (a Verlet list, here of solids). Lists are made one sphere at a
+time; contact with what is listed is found for 16 spheres at once.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pourcast.engine.compile import allocating_kernel, kernel
-from pourcast.engine.simd import LANES, load, maximum, minimum, splat, store, where_less
+from pourcast.engine.compile import kernel
+from pourcast.engine.simd import LANES, any_less, load, maximum, minimum, splat, store, where_less
+from pourcast.engine.simd import sqrt as vector_sqrt
+from pourcast.engine.solids import cell_of, edge_gap
+from pourcast.engine.state import NEAR_EDGES, NEAR_POLYGONS
 
 TOUCH_SKIN = 0.1
 """A sphere touches a solid while its centre is within (1 + TOUCH_SKIN) radii."""
 
+LIST_SKIN = 0.5
+"""A list holds what is within (1 + TOUCH_SKIN + LIST_SKIN) radii."""
+
 MIN_CLEARANCE = 1e-4
 """Least distance [m] of a centre from a solid; below it the last position is kept."""
 
-CELLS_X, CELLS_Y = 50, 75
 _PASSES = 4
-
-
-class Solids(NamedTuple):
-    """Convex polygons of many scenes in flat arrays, counter-clockwise.
-
-    Polygon p owns the vertices ``polygon_start[p]:polygon_start[p + 1]``; scene
-    s owns the polygons ``scene_start[s]:scene_start[s + 1]``. Vertex k also
-    stands for the edge from it to the next vertex of its polygon.
-    """
-
-    vertices: NDArray[np.float64]
-    """Vertices [m], shape [vertex_count, 2]."""
-    normals: NDArray[np.float64]
-    """Outward unit normals of the edges, shape [vertex_count, 2]."""
-    lengths: NDArray[np.float64]
-    """Lengths of the edges [m], shape [vertex_count]."""
-    polygon_start: NDArray[np.int64]
-    scene_start: NDArray[np.int64]
-    is_goal: NDArray[np.bool_]
-    """Whether a polygon belongs to the goal (divider, cup), shape [polygon_count]."""
-
-
-class Cells(NamedTuple):
-    """Which polygons a sphere in a cell of the x-y plane may touch (broad phase)."""
-
-    inverse_size: NDArray[np.float64]
-    """Cells per metre along x and y, shape [scene_count, 2]."""
-    start: NDArray[np.int64]
-    """Offsets into `polygons`, shape [scene_count * CELLS_X * CELLS_Y + 1]."""
-    polygons: NDArray[np.int64]
-
-
-def pack_solids(scenes: list[list[tuple[NDArray[np.float64], bool]]]) -> Solids:
-    """Flatten polygons into the arrays that the kernels read.
-
-    Parameters
-    ----------
-    scenes
-        For each scene a list of (vertices [m], shape [k, 2], counter-clockwise;
-        whether the polygon is part of the goal).
-
-    Returns
-    -------
-    Solids
-        The same polygons, with edge normals and lengths.
-    """
-    polygons = [polygon for scene in scenes for polygon in scene]
-    vertices = [np.asarray(v, dtype=np.float64) for v, _ in polygons]
-    edges = [np.roll(v, -1, axis=0) - v for v in vertices]
-    flat_edges = np.concatenate([*edges, np.zeros((0, 2))])
-    lengths = np.hypot(flat_edges[:, 0], flat_edges[:, 1])
-    outward = np.stack([flat_edges[:, 1], -flat_edges[:, 0]], axis=1)
-    return Solids(
-        vertices=np.concatenate([*vertices, np.zeros((0, 2))]),
-        normals=outward / lengths[:, None],
-        lengths=lengths,
-        polygon_start=np.cumsum([0] + [len(v) for v in vertices]),
-        scene_start=np.cumsum([0] + [len(scene) for scene in scenes]),
-        is_goal=np.array([goal for _, goal in polygons], dtype=np.bool_),
-    )
+_NOTICED = 1e-3
+"""Overlap, in radii, below which a contact needs no further pass."""
+_FAR = 1e6
 
 
 @kernel
-def signed_distance(x: float, y: float, polygon: int, reach: float, solids: Any) -> Any:
-    """Signed distance of a point from a convex polygon, and the direction away from it.
-
-    Parameters
-    ----------
-    x, y
-        The point [m].
-    polygon
-        Index of the polygon.
-    reach
-        Distances beyond this [m] need not be exact: a lower bound is returned.
-    solids
-        The polygons.
-
-    Returns
-    -------
-    distance
-        Distance [m], negative inside.
-    normal_x, normal_y
-        Unit vector from the closest point to (x, y), reversed inside.
-    """
-    first, last = solids.polygon_start[polygon], solids.polygon_start[polygon + 1]
-    highest, face = -np.inf, first
-    for k in range(first, last):
-        height = (x - solids.vertices[k, 0]) * solids.normals[k, 0]
-        height += (y - solids.vertices[k, 1]) * solids.normals[k, 1]
-        if height > reach:
-            return height, 0.0, 0.0
-        if height > highest:
-            highest, face = height, k
-    normal_x, normal_y = solids.normals[face, 0], solids.normals[face, 1]
-    if highest <= 0.0:
-        return highest, normal_x, normal_y
-    # Outside: the closest point is on an edge that the point is in front of.
-    nearest, nearest_x, nearest_y = np.inf, 0.0, 0.0
-    for k in range(first, last):
-        edge_x, edge_y = solids.normals[k, 0], solids.normals[k, 1]
-        from_x, from_y = x - solids.vertices[k, 0], y - solids.vertices[k, 1]
-        if from_x * edge_x + from_y * edge_y < 0.0:
-            continue
-        along = min(max(from_y * edge_x - from_x * edge_y, 0.0), solids.lengths[k])
-        gap_x, gap_y = from_x + along * edge_y, from_y - along * edge_x
-        squared = gap_x * gap_x + gap_y * gap_y
-        if squared < nearest:
-            nearest, nearest_x, nearest_y = squared, gap_x, gap_y
-    distance = np.sqrt(nearest)
-    if distance > 1e-9:
-        normal_x, normal_y = nearest_x / distance, nearest_y / distance
-    return distance, normal_x, normal_y
-
-
-@allocating_kernel
-def build_cells(solids: Any, extents: Any, reach: float) -> Any:
-    """List, for each cell of each scene, the polygons within reach of it.
-
-    Parameters
-    ----------
-    solids
-        The polygons.
-    extents
-        Width and height of each scene's box [m], shape [scene_count, 2].
-    reach
-        Largest distance [m] at which a polygon matters.
-
-    Returns
-    -------
-    Cells
-        The broad phase.
-    """
-    scene_count = len(solids.scene_start) - 1
-    inverse_size = np.empty((scene_count, 2))
-    start = np.zeros(scene_count * CELLS_X * CELLS_Y + 1, dtype=np.int64)
-    found = [np.int64(0) for _ in range(0)]
-    cell = 0
-    for scene in range(scene_count):
-        size_x, size_y = extents[scene, 0] / CELLS_X, extents[scene, 1] / CELLS_Y
-        inverse_size[scene, 0], inverse_size[scene, 1] = 1.0 / size_x, 1.0 / size_y
-        far = reach + 0.5 * np.sqrt(size_x * size_x + size_y * size_y)
-        for row in range(CELLS_Y):
-            for column in range(CELLS_X):
-                x, y = (column + 0.5) * size_x, (row + 0.5) * size_y
-                for polygon in range(solids.scene_start[scene], solids.scene_start[scene + 1]):
-                    if signed_distance(x, y, polygon, far, solids)[0] <= far:
-                        found.append(np.int64(polygon))
-                cell += 1
-                start[cell] = len(found)
-    polygons = np.empty(len(found), dtype=np.int64)
-    for k in range(len(found)):
-        polygons[k] = found[k]
-    return Cells(inverse_size, start, polygons)
-
-
-@kernel
-def cell_of(x: float, y: float, scene: int, cells: Any) -> int:
-    """Index of the cell that holds a point; points outside belong to the nearest cell."""
-    column = min(max(int(x * cells.inverse_size[scene, 0]), 0), CELLS_X - 1)
-    row = min(max(int(y * cells.inverse_size[scene, 1]), 0), CELLS_Y - 1)
-    return (scene * CELLS_Y + row) * CELLS_X + column
-
-
-@kernel
-def nearest_solid(x: float, y: float, scene: int, reach: float, solids: Any, cells: Any) -> Any:
-    """Signed distance [m] to the nearest polygon within reach (infinite if none), and its index."""
-    cell = cell_of(x, y, scene, cells)
-    nearest, which = np.inf, -1
-    for k in range(cells.start[cell], cells.start[cell + 1]):
-        distance = signed_distance(x, y, cells.polygons[k], reach, solids)[0]
-        if distance < nearest:
-            nearest, which = distance, cells.polygons[k]
-    return nearest, which
-
-
-@allocating_kernel
-def obstacle_distances(places: Any, scene: int, solids: Any) -> Any:
-    """Distance of points from a scene's nearest obstacle, the goal's parts left out.
-
-    Parameters
-    ----------
-    places
-        Points in the x-y plane [m], shape [point_count, 2].
-    scene
-        Index of the scene.
-    solids
-        The polygons.
-
-    Returns
-    -------
-    ndarray
-        Signed distances [m], shape [point_count]; infinite without obstacles.
-    """
-    nearest = np.full(len(places), np.inf)
-    for polygon in range(solids.scene_start[scene], solids.scene_start[scene + 1]):
-        if solids.is_goal[polygon]:
-            continue
-        for k in range(len(places)):
-            gap = signed_distance(places[k, 0], places[k, 1], polygon, np.inf, solids)[0]
-            nearest[k] = min(nearest[k], gap)
-    return nearest
-
-
-@kernel
-def collide_with_polygons(state: Any, lanes: Any, solids: Any, cells: Any, slots: int) -> None:
+def collide_with_polygons(state: Any, lanes: Any, solids: Any, cells: Any) -> None:
     """Push spheres out of polygons, stop their motion into them, let them stick.
 
     Parameters
     ----------
     state
-        Positions, velocities, last positions and contact flags; changed in place.
+        Positions, velocities, last positions, contact flags and lists; changed in place.
     lanes
         Parameters of the 16 lanes.
     solids, cells
         The polygons and the broad phase.
-    slots
-        Number of (row, lane) slots that hold a particle, counted row by row.
     """
-    for slot in range(slots):
-        row, lane = slot // LANES, slot % LANES
-        scene = lanes.scene[lane]
-        if scene < 0:
-            continue
-        cell = cell_of(state.position[0, row, lane], state.position[1, row, lane], scene, cells)
-        if cells.start[cell] != cells.start[cell + 1]:
-            _collide_one(state, lanes, solids, cells, row, lane)
+    for row in range(state.density.shape[0]):
+        dx = load(state.position[0], row) - load(state.listed_at[0], row)
+        dy = load(state.position[1], row) - load(state.listed_at[1], row)
+        if any_less(load(state.squared_slack, row), dx * dx + dy * dy):
+            _renew_lists(state, lanes, solids, cells, row)
+        if state.most_near[row] > 0:
+            _collide_row(state, lanes, row, state.most_near[row])
 
 
 @kernel
-def _collide_one(state: Any, lanes: Any, solids: Any, cells: Any, row: int, lane: int) -> None:
-    scene = lanes.scene[lane]
-    radius = float(lanes.radius[lane])
-    reach = radius * (1.0 + TOUCH_SKIN)
-    keep_normal, keep_tangential = lanes.keep_normal[lane], lanes.keep_tangential[lane]
-    width = float(lanes.width[lane])
+def _renew_lists(state: Any, lanes: Any, solids: Any, cells: Any, row: int) -> None:
+    """List anew for those spheres of a row that have moved by more than their slack."""
+    most = 0
+    for lane in range(LANES):
+        dx = state.position[0, row, lane] - state.listed_at[0, row, lane]
+        dy = state.position[1, row, lane] - state.listed_at[1, row, lane]
+        if dx * dx + dy * dy > state.squared_slack[row, lane]:
+            list_near(state, lanes, solids, cells, row, lane)
+        most = max(most, int(state.near_count[row, lane]))
+    state.most_near[row] = most
+
+
+@kernel
+def list_near(state: Any, lanes: Any, solids: Any, cells: Any, row: int, lane: int) -> None:
+    """List the polygons near one sphere, each by its nearest edges, and say how long it holds.
+
+    Parameters
+    ----------
+    state
+        The spheres and their lists; changed in place.
+    lanes
+        Parameters of the 16 lanes.
+    solids, cells
+        The polygons and the broad phase.
+    row, lane
+        Place of the sphere.
+    """
     x, y = float(state.position[0, row, lane]), float(state.position[1, row, lane])
-    u, v = float(state.velocity[0, row, lane]), float(state.velocity[1, row, lane])
-    w = float(state.velocity[2, row, lane])
-    contacts = 0
-    for attempt in range(_PASSES):
-        cell = cell_of(x, y, scene, cells)
-        moved = False
+    state.listed_at[0, row, lane], state.listed_at[1, row, lane] = x, y
+    for slot in range(int(state.near_count[row, lane])):
+        _empty_slot(state, row, lane, slot)
+    state.near_count[row, lane] = 0.0
+    scene = lanes.scene[lane]
+    if scene < 0:
+        state.squared_slack[row, lane] = np.inf
+        return
+    radius = float(lanes.radius[lane])
+    touch = radius * (1.0 + TOUCH_SKIN)
+    reach = touch + radius * LIST_SKIN
+    cell = cell_of(x, y, scene, cells)
+    slack = radius * LIST_SKIN
+    if cells.clearance[cell] > reach:
+        slack = cells.clearance[cell] - touch
+    else:
         for k in range(cells.start[cell], cells.start[cell + 1]):
-            polygon = cells.polygons[k]
-            distance, normal_x, normal_y = signed_distance(x, y, polygon, reach, solids)
-            if distance > reach:
-                continue
-            contacts += 1
-            if not solids.is_goal[polygon]:
-                state.touched[row, lane] = 1
-            speed_out = u * normal_x + v * normal_y
-            speed_along = v * normal_x - u * normal_y
-            if distance < radius:
-                x += (radius - distance) * normal_x
-                y += (radius - distance) * normal_y
-                speed_out = max(speed_out, 0.0)
-                moved = moved or radius - distance > 1e-3 * radius
-            if attempt == 0:
-                speed_out *= keep_normal
-                speed_along *= keep_tangential
-                w *= keep_tangential
-            u = speed_out * normal_x - speed_along * normal_y
-            v = speed_out * normal_y + speed_along * normal_x
-        if x < radius or x > width - radius or y < radius:
-            x, y = min(max(x, radius), width - radius), max(y, radius)
-            contacts += 1
-        if not moved or contacts == 1:
+            slack = _list_polygon(state, solids, cells.polygons[k], row, lane, touch, reach, slack)
+    slack = max(slack, 0.0)
+    state.squared_slack[row, lane] = slack * slack
+
+
+@kernel
+def _empty_slot(state: Any, row: int, lane: int, slot: int) -> None:
+    """Let a slot hold an edge so far away that it is never met."""
+    for edge in range(slot * NEAR_EDGES, (slot + 1) * NEAR_EDGES):
+        state.near_edges[edge, 0, row, lane], state.near_edges[edge, 1, row, lane] = 0.0, -_FAR
+        state.near_edges[edge, 2, row, lane], state.near_edges[edge, 3, row, lane] = 0.0, 1.0
+        state.near_edges[edge, 4, row, lane] = 1.0
+
+
+@kernel
+def _list_polygon(
+    state: Any,
+    solids: Any,
+    polygon: int,
+    row: int,
+    lane: int,
+    touch: float,
+    reach: float,
+    slack: float,
+) -> float:
+    """Add a polygon to a sphere's list if it is near; returns the slack that this leaves."""
+    x, y = float(state.position[0, row, lane]), float(state.position[1, row, lane])
+    first, second, third, fourth = np.inf, np.inf, np.inf, np.inf
+    edge_1, edge_2, edge_3 = -1, -1, -1
+    for edge in range(solids.polygon_start[polygon], solids.polygon_start[polygon + 1]):
+        squared = edge_gap(x, y, edge, solids)[0]
+        if squared < first:
+            first, second, third, fourth = squared, first, second, third
+            edge_1, edge_2, edge_3 = edge, edge_1, edge_2
+        elif squared < second:
+            second, third, fourth = squared, second, third
+            edge_2, edge_3 = edge, edge_2
+        elif squared < third:
+            third, fourth = squared, third
+            edge_3 = edge
+        else:
+            fourth = min(fourth, squared)
+    distance = float(np.sqrt(first))
+    if distance > reach:
+        return slack
+    slot = int(state.near_count[row, lane])
+    if slot < NEAR_POLYGONS:
+        state.near_count[row, lane] = slot + 1
+    else:
+        # Full: the farthest of all stays out, and may not come near unnoticed.
+        slot = 0
+        for other in range(1, NEAR_POLYGONS):
+            if state.near_distance[other, row, lane] > state.near_distance[slot, row, lane]:
+                slot = other
+        farthest = float(state.near_distance[slot, row, lane])
+        slack = min(slack, max(farthest, distance) - touch)
+        if distance >= farthest:
+            return slack
+    state.near_distance[slot, row, lane] = distance
+    state.near_is_obstacle[slot, row, lane] = 0.0 if solids.is_goal[polygon] else 1.0
+    _list_edge(state, solids, edge_1, slot * NEAR_EDGES, row, lane)
+    _list_edge(state, solids, edge_2, slot * NEAR_EDGES + 1, row, lane)
+    _list_edge(state, solids, edge_3, slot * NEAR_EDGES + 2, row, lane)
+    # Half the difference: the sphere may come nearer to the one and farther from the other.
+    return min(slack, 0.5 * (float(np.sqrt(fourth)) - distance))
+
+
+@kernel
+def _list_edge(state: Any, solids: Any, edge: int, place: int, row: int, lane: int) -> None:
+    state.near_edges[place, 0, row, lane] = solids.vertices[edge, 0]
+    state.near_edges[place, 1, row, lane] = solids.vertices[edge, 1]
+    state.near_edges[place, 2, row, lane] = solids.normals[edge, 0]
+    state.near_edges[place, 3, row, lane] = solids.normals[edge, 1]
+    state.near_edges[place, 4, row, lane] = solids.lengths[edge]
+
+
+@kernel
+def _gap(state: Any, row: int, slot: int, x: Any, y: Any) -> Any:
+    """Signed distances from the polygons in a slot, and unit vectors out of them."""
+    nearest, gap_x, gap_y = splat(np.inf), splat(0.0), splat(0.0)
+    highest, zero, one = splat(-np.inf), splat(0.0), splat(1.0)
+    for edge in range(slot * NEAR_EDGES, (slot + 1) * NEAR_EDGES):
+        normal_x = load(state.near_edges[edge, 2], row)
+        normal_y = load(state.near_edges[edge, 3], row)
+        from_x = x - load(state.near_edges[edge, 0], row)
+        from_y = y - load(state.near_edges[edge, 1], row)
+        along = from_y * normal_x - from_x * normal_y
+        along = minimum(maximum(along, zero), load(state.near_edges[edge, 4], row))
+        to_x, to_y = from_x + along * normal_y, from_y - along * normal_x
+        squared = to_x * to_x + to_y * to_y
+        gap_x = where_less(squared, nearest, to_x, gap_x)
+        gap_y = where_less(squared, nearest, to_y, gap_y)
+        nearest = minimum(squared, nearest)
+        highest = maximum(highest, from_x * normal_x + from_y * normal_y)
+    side = where_less(highest, zero, zero - one, one)
+    distance = vector_sqrt(nearest)
+    scale = side / maximum(distance, splat(1e-9))
+    return side * distance, gap_x * scale, gap_y * scale
+
+
+@kernel
+def _collide_row(state: Any, lanes: Any, row: int, slot_count: int) -> None:
+    """Contact of the 16 spheres of a row with all that is in their lists."""
+    zero, one = splat(0.0), splat(1.0)
+    radius, width = load(lanes.radius, 0), load(lanes.width, 0)
+    touch, right = radius * (1.0 + TOUCH_SKIN), width - radius
+    x, y = load(state.position[0], row), load(state.position[1], row)
+    u, v, w = (
+        load(state.velocity[0], row),
+        load(state.velocity[1], row),
+        load(state.velocity[2], row),
+    )
+    touched = load(state.touched, row)
+    # A single contact is undone at once; several may push a sphere into one another.
+    from_wall = minimum(minimum(x, width - x), y)
+    partners = load(state.near_count, row) + where_less(from_wall, 1.5 * radius, one, zero)
+    several = where_less(one, partners, one, zero)
+    active = one
+    keep_normal, keep_tangential = load(lanes.keep_normal, 0), load(lanes.keep_tangential, 0)
+    for _ in range(_PASSES):
+        deepest = zero
+        for slot in range(slot_count):
+            distance, normal_x, normal_y = _gap(state, row, slot, x, y)
+            depth = maximum(radius - distance, zero) * active
+            deepest = maximum(deepest, depth)
+            x, y = x + depth * normal_x, y + depth * normal_y
+            out, along = u * normal_x + v * normal_y, v * normal_x - u * normal_y
+            kept = where_less(zero, depth, maximum(out, zero), out)
+            kept = kept * where_less(distance, touch, keep_normal, one)
+            share = where_less(distance, touch, keep_tangential, one)
+            change, change_along = kept - out, along * share - along
+            u = u + change * normal_x - change_along * normal_y
+            v = v + change * normal_y + change_along * normal_x
+            w = w * share
+            is_obstacle = load(state.near_is_obstacle[slot], row)
+            touched = where_less(distance, touch, maximum(touched, is_obstacle), touched)
+        x, y = minimum(maximum(x, radius), right), maximum(y, radius)
+        active = where_less(_NOTICED * radius, deepest, several, zero) * active
+        keep_normal, keep_tangential = one, one
+        if not any_less(zero, active):
             break
-    # A single contact has been undone; several may have pushed the sphere into one another.
-    if contacts > 1 and nearest_solid(x, y, scene, reach, solids, cells)[0] < MIN_CLEARANCE:
+    if any_less(zero, active):
         # Wedged between solids: no place to go. The last position was free of all of them.
-        x, y = state.previous[0, row, lane], state.previous[1, row, lane]
-        u, v, w = 0.0, 0.0, 0.0
-    state.position[0, row, lane], state.position[1, row, lane] = x, y
-    state.velocity[0, row, lane], state.velocity[1, row, lane] = u, v
-    state.velocity[2, row, lane] = w
+        clearance = splat(_FAR)
+        for slot in range(slot_count):
+            clearance = minimum(clearance, _gap(state, row, slot, x, y)[0])
+        stuck = where_less(clearance, splat(MIN_CLEARANCE), active, zero)
+        x = where_less(zero, stuck, load(state.previous[0], row), x)
+        y = where_less(zero, stuck, load(state.previous[1], row), y)
+        u, v = where_less(zero, stuck, zero, u), where_less(zero, stuck, zero, v)
+        w = where_less(zero, stuck, zero, w)
+    store(state.position[0], row, x)
+    store(state.position[1], row, y)
+    store(state.velocity[0], row, u)
+    store(state.velocity[1], row, v)
+    store(state.velocity[2], row, w)
+    store(state.touched, row, touched)
 
 
 @kernel

@@ -183,4 +183,4 @@ def advance_one(
         measure(state, lanes, squared_speed, head)
         travelled += 2.0 * step * np.sqrt(squared_speed.max())
         collide_with_box(state, lanes)
-        collide_with_polygons(state, lanes, solids, cells, count)
+        collide_with_polygons(state, lanes, solids, cells)

@@ -12,7 +12,6 @@ from typing import Any
 from pourcast.engine.compile import kernel
 from pourcast.engine.contact import collide_with_box, collide_with_polygons
 from pourcast.engine.simd import (
-    LANES,
     any_less,
     load,
     maximum,
@@ -80,10 +79,9 @@ def advance(state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps:
     steps
         How many.
     """
-    slots = state.density.shape[0] * LANES
     for _ in range(steps):
         integrate(state, lanes, step)
         for _ in range(PASSES):
             collide_spheres(state, lanes)
             collide_with_box(state, lanes)
-            collide_with_polygons(state, lanes, solids, cells, slots)
+            collide_with_polygons(state, lanes, solids, cells)

@@ -21,7 +21,7 @@ from typing import Any
 from pourcast.engine.compile import kernel
 from pourcast.engine.contact import collide_with_box, collide_with_polygons
 from pourcast.engine.kernel import shape, slope
-from pourcast.engine.simd import LANES, load, maximum, minimum, splat, sqrt, store, where_less
+from pourcast.engine.simd import load, maximum, minimum, splat, sqrt, store, where_less
 
 
 @kernel
@@ -171,12 +171,11 @@ def advance(state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps:
     steps
         How many.
     """
-    slots = state.density.shape[0] * LANES
     for _ in range(steps):
         find_forces(state, lanes)
         integrate(state, lanes, step)
         collide_with_box(state, lanes)
-        collide_with_polygons(state, lanes, solids, cells, slots)
+        collide_with_polygons(state, lanes, solids, cells)
 
 
 @kernel

@@ -15,6 +15,12 @@ from pourcast.engine.simd import LANES
 
 Floats = NDArray[np.float32]
 
+NEAR_POLYGONS = 4
+"""Polygons that a sphere's list has room for."""
+
+NEAR_EDGES = 3
+"""Edges by which a polygon is listed."""
+
 
 class State(NamedTuple):
     """Particles of a block; `row_count` rows of 16."""
@@ -31,8 +37,23 @@ class State(NamedTuple):
     """(density - 1) / density^2, at least 0: pressure over c^2 rho0 density^2."""
     previous: Floats
     """x and y before the last step [m], shape [2, row_count, 16]."""
-    touched: NDArray[np.uint8]
-    """Whether a particle ever met an obstacle, shape [row_count, 16]."""
+    touched: Floats
+    """1 if a particle ever met an obstacle, else 0; shape [row_count, 16]."""
+    listed_at: Floats
+    """x and y where a particle's list of near solids was made [m], shape [2, row_count, 16]."""
+    squared_slack: Floats
+    """Square of the distance that it may move from there before the list is old [m^2]."""
+    near_count: Floats
+    """Number of polygons in the list, shape [row_count, 16]."""
+    most_near: NDArray[np.int64]
+    """Greatest `near_count` of each row, shape [row_count]."""
+    near_edges: Floats
+    """Edges of the listed polygons: start x and y [m], outward normal x and y, length [m];
+    shape [NEAR_POLYGONS * NEAR_EDGES, 5, row_count, 16]."""
+    near_distance: Floats
+    """Distance of each listed polygon when it was listed [m], [NEAR_POLYGONS, row_count, 16]."""
+    near_is_obstacle: Floats
+    """1 for an obstacle, 0 for a part of the goal, shape [NEAR_POLYGONS, row_count, 16]."""
 
 
 class Lanes(NamedTuple):
@@ -72,7 +93,14 @@ def empty_state(row_count: int) -> State:
         density=np.ones((row_count, LANES), np.float32),
         pressure=np.zeros((row_count, LANES), np.float32),
         previous=np.zeros((2, row_count, LANES), np.float32),
-        touched=np.zeros((row_count, LANES), np.uint8),
+        touched=np.zeros((row_count, LANES), np.float32),
+        listed_at=np.zeros((2, row_count, LANES), np.float32),
+        squared_slack=np.full((row_count, LANES), -1.0, np.float32),
+        near_count=np.full((row_count, LANES), NEAR_POLYGONS, np.float32),
+        most_near=np.zeros(row_count, np.int64),
+        near_edges=np.zeros((NEAR_POLYGONS * NEAR_EDGES, 5, row_count, LANES), np.float32),
+        near_distance=np.zeros((NEAR_POLYGONS, row_count, LANES), np.float32),
+        near_is_obstacle=np.zeros((NEAR_POLYGONS, row_count, LANES), np.float32),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.engine.compile import allocating_kernel, kernel
-from pourcast.engine.contact import pack_solids
+from pourcast.engine.solids import pack_solids
 from pourcast.liquid import Liquid
 from pourcast.model import Model, parameter
 from pourcast.scene import Scene

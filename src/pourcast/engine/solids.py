@@ -1,0 +1,208 @@
+"""Solids: convex polygons of many scenes in flat arrays, distances, and the broad phase.
+
+A polygon stands for a prism through the whole depth of the box, so that
+distances are a problem in the x-y plane.
+
+The closest point is taken on the edges, with the sign from the inside test. A
+largest-half-plane-distance test would treat a sharp corner as a long mitre.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pourcast.engine.compile import allocating_kernel, kernel
+
+CELLS_X, CELLS_Y = 50, 75
+
+
+class Solids(NamedTuple):
+    """Convex polygons of many scenes in flat arrays, counter-clockwise.
+
+    Polygon p owns the vertices ``polygon_start[p]:polygon_start[p + 1]``; scene
+    s owns the polygons ``scene_start[s]:scene_start[s + 1]``. Vertex k also
+    stands for the edge from it to the next vertex of its polygon.
+    """
+
+    vertices: NDArray[np.float64]
+    """Vertices [m], shape [vertex_count, 2]."""
+    normals: NDArray[np.float64]
+    """Outward unit normals of the edges, shape [vertex_count, 2]."""
+    lengths: NDArray[np.float64]
+    """Lengths of the edges [m], shape [vertex_count]."""
+    polygon_start: NDArray[np.int64]
+    scene_start: NDArray[np.int64]
+    is_goal: NDArray[np.bool_]
+    """Whether a polygon belongs to the goal (divider, cup), shape [polygon_count]."""
+
+
+class Cells(NamedTuple):
+    """Broad phase: the polygons near each cell of a grid over each scene."""
+
+    inverse_size: NDArray[np.float64]
+    """Cells per metre along x and y, shape [scene_count, 2]."""
+    start: NDArray[np.int64]
+    """Offsets into `polygons`, shape [scene_count * CELLS_X * CELLS_Y + 1]."""
+    polygons: NDArray[np.int64]
+    clearance: NDArray[np.float64]
+    """Lower bound of the distance [m] from any point of a cell to the nearest polygon."""
+
+
+def pack_solids(scenes: list[list[tuple[NDArray[np.float64], bool]]]) -> Solids:
+    """Flatten polygons into the arrays that the kernels read.
+
+    Parameters
+    ----------
+    scenes
+        For each scene a list of (vertices [m], shape [k, 2], counter-clockwise;
+        whether the polygon is part of the goal).
+
+    Returns
+    -------
+    Solids
+        The same polygons, with edge normals and lengths.
+    """
+    polygons = [polygon for scene in scenes for polygon in scene]
+    vertices = [np.asarray(v, dtype=np.float64) for v, _ in polygons]
+    edges = [np.roll(v, -1, axis=0) - v for v in vertices]
+    flat_edges = np.concatenate([*edges, np.zeros((0, 2))])
+    lengths = np.hypot(flat_edges[:, 0], flat_edges[:, 1])
+    outward = np.stack([flat_edges[:, 1], -flat_edges[:, 0]], axis=1)
+    return Solids(
+        vertices=np.concatenate([*vertices, np.zeros((0, 2))]),
+        normals=outward / lengths[:, None],
+        lengths=lengths,
+        polygon_start=np.cumsum([0] + [len(v) for v in vertices]),
+        scene_start=np.cumsum([0] + [len(scene) for scene in scenes]),
+        is_goal=np.array([goal for _, goal in polygons], dtype=np.bool_),
+    )
+
+
+@kernel
+def edge_gap(x: float, y: float, edge: int, solids: Any) -> Any:
+    """Where a point is, as seen from an edge.
+
+    Parameters
+    ----------
+    x, y
+        The point [m].
+    edge
+        Index of the edge's first vertex.
+    solids
+        The polygons.
+
+    Returns
+    -------
+    squared_distance, height
+        Squared distance from the edge [m^2]; height over its line [m], positive outside.
+    """
+    normal_x, normal_y = solids.normals[edge, 0], solids.normals[edge, 1]
+    from_x, from_y = x - solids.vertices[edge, 0], y - solids.vertices[edge, 1]
+    height = from_x * normal_x + from_y * normal_y
+    along = from_y * normal_x - from_x * normal_y
+    beyond = along - min(max(along, 0.0), solids.lengths[edge])
+    return height * height + beyond * beyond, height
+
+
+@kernel
+def signed_distance(x: float, y: float, polygon: int, solids: Any) -> float:
+    """Distance of a point from a convex polygon [m], negative inside.
+
+    Parameters
+    ----------
+    x, y
+        The point [m].
+    polygon
+        Index of the polygon.
+    solids
+        The polygons.
+    """
+    nearest, highest = np.inf, -np.inf
+    for edge in range(solids.polygon_start[polygon], solids.polygon_start[polygon + 1]):
+        squared, height = edge_gap(x, y, edge, solids)
+        nearest, highest = min(nearest, squared), max(highest, height)
+    distance = float(np.sqrt(nearest))
+    return distance if highest > 0.0 else -distance
+
+
+@allocating_kernel
+def build_cells(solids: Any, extents: Any, reach: float) -> Any:
+    """List, for each cell of each scene, the polygons within reach of it.
+
+    Parameters
+    ----------
+    solids
+        The polygons.
+    extents
+        Width and height of each scene's box [m], shape [scene_count, 2].
+    reach
+        Largest distance [m] at which a polygon matters.
+
+    Returns
+    -------
+    inverse_size, start, polygons, clearance
+        The fields of `Cells`.
+    """
+    scene_count = len(solids.scene_start) - 1
+    inverse_size = np.empty((scene_count, 2))
+    start = np.zeros(scene_count * CELLS_X * CELLS_Y + 1, dtype=np.int64)
+    clearance = np.empty(scene_count * CELLS_X * CELLS_Y)
+    found = [np.int64(0) for _ in range(0)]
+    cell = 0
+    for scene in range(scene_count):
+        size_x, size_y = extents[scene, 0] / CELLS_X, extents[scene, 1] / CELLS_Y
+        inverse_size[scene, 0], inverse_size[scene, 1] = 1.0 / size_x, 1.0 / size_y
+        half_diagonal = 0.5 * np.sqrt(size_x * size_x + size_y * size_y)
+        for row in range(CELLS_Y):
+            for column in range(CELLS_X):
+                x, y = (column + 0.5) * size_x, (row + 0.5) * size_y
+                nearest = np.inf
+                for polygon in range(solids.scene_start[scene], solids.scene_start[scene + 1]):
+                    distance = signed_distance(x, y, polygon, solids)
+                    nearest = min(nearest, distance)
+                    if distance <= reach + half_diagonal:
+                        found.append(np.int64(polygon))
+                clearance[cell] = nearest - half_diagonal
+                cell += 1
+                start[cell] = len(found)
+    polygons = np.empty(len(found), dtype=np.int64)
+    for k in range(len(found)):
+        polygons[k] = found[k]
+    return inverse_size, start, polygons, clearance
+
+
+@kernel
+def cell_of(x: float, y: float, scene: int, cells: Any) -> int:
+    """Index of the cell that holds a point; points outside belong to the nearest cell."""
+    column = min(max(int(x * cells.inverse_size[scene, 0]), 0), CELLS_X - 1)
+    row = min(max(int(y * cells.inverse_size[scene, 1]), 0), CELLS_Y - 1)
+    return (scene * CELLS_Y + row) * CELLS_X + column
+
+
+@allocating_kernel
+def obstacle_distances(places: Any, scene: int, solids: Any) -> Any:
+    """Distance of points from a scene's nearest obstacle, the goal's parts left out.
+
+    Parameters
+    ----------
+    places
+        Points in the x-y plane [m], shape [point_count, 2].
+    scene
+        Index of the scene.
+    solids
+        The polygons.
+
+    Returns
+    -------
+    ndarray
+        Signed distances [m], shape [point_count]; infinite without obstacles.
+    """
+    nearest = np.full(len(places), np.inf)
+    for polygon in range(solids.scene_start[scene], solids.scene_start[scene + 1]):
+        if solids.is_goal[polygon]:
+            continue
+        for k in range(len(places)):
+            gap = signed_distance(places[k, 0], places[k, 1], polygon, solids)
+            nearest[k] = min(nearest[k], gap)
+    return nearest
