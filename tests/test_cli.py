@@ -163,7 +163,7 @@ def test_models_are_listed(capsys):
 def test_every_command_has_help_with_an_example(capsys):
     assert call() == 0
     overview = capsys.readouterr().out
-    for command in ("demo", "scenes", "new", "predict", "show", "import", "export", "models"):
+    for command in "demo scenes new predict show import export models bench".split():
         assert command in overview
         assert call(command, "--help") == 0
         assert f"Example: pourcast {command}" in capsys.readouterr().out.replace("\n ", "")

@@ -11,7 +11,7 @@ from pourcast import cli
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
-COMMANDS = ("demo", "scenes", "new", "predict", "show", "import", "export", "models")
+COMMANDS = ("demo", "scenes", "new", "predict", "show", "import", "export", "models", "bench")
 
 
 def snippets(page):

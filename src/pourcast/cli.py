@@ -51,6 +51,12 @@ class ForeignFormat(StrEnum):
     SPLISHSPLASH = "splishsplash"
 
 
+class Plan(StrEnum):
+    """Grids of simulations whose time can be told."""
+
+    PAPER = "paper"
+
+
 ScenesArgument = Annotated[
     Path, typer.Argument(metavar="SCENES", help="A scene file, or a study folder.")
 ]
@@ -97,8 +103,9 @@ def print_table(frame: Any, *, decimals: int = 2) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
     table.add_column(str(frame.index.name or ""))
     for name in frame.columns:
-        table.add_column(str(name), justify="right", overflow="fold")
-    for label, row in frame.iterrows():
+        numeric = frame[name].dtype.kind in "fiu"
+        table.add_column(str(name), justify="right" if numeric else "left", overflow="fold")
+    for label, *row in frame.itertuples(name=None):
         cells = [f"{v:.{decimals}f}" if isinstance(v, float) else str(v) for v in row]
         table.add_row(str(label), *("-" if cell == "nan" else cell for cell in cells))
     Console().print(table)
@@ -334,6 +341,42 @@ def export(
 
     written = write(pick_scene(load_scenes(scenes), scene, scenes), out)
     typer.echo(f"{out}: and {len(written) - 1} meshes beside it")
+
+
+@app.command()
+def bench(
+    n_particles: Annotated[
+        list[int] | None, typer.Option("-N", min=1, max=300, help="Number of particles; several.")
+    ] = None,
+    plan: Annotated[
+        Plan | None, typer.Option(help="Instead: how long a grid of simulations takes here.")
+    ] = None,
+    share: Annotated[
+        float, typer.Option(min=0.001, max=1.0, help="Share of the plan that is run for it.")
+    ] = 0.05,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure how fast this machine simulates: ratios first, simulations of 4 s per second second.
+
+    Example: pourcast bench --plan paper
+    """
+    from pourcast.bench import COUNTS, paper_grid, plan_table, speed_table
+
+    with progress_bar() as report:
+        if plan is None:
+            table = speed_table(n_particles or COUNTS, report)
+        else:
+            table = plan_table(paper_grid(), share, seed, report)
+    if as_json:
+        print_json(json.loads(table.reset_index().to_json(orient="records")))
+        return
+    print_table(table.reset_index().set_index(table.index.names[0]))
+    if plan is not None:
+        typer.echo(
+            f"\n{table['simulations'].sum()} simulations: {table['minutes'].sum():.0f} minutes "
+            f"on this machine (measured on {table['run'].sum()} of them)"
+        )
 
 
 @app.command()

@@ -1,0 +1,286 @@
+"""How fast this machine simulates, and how long the paper's grid of simulations takes on it."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pourcast.engine.batch import Job, Stepping, available_cores, run_batch
+from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
+from pourcast.engine.solids import Solids, pack_solids
+from pourcast.generate.select import drawn_scene, filtered_scenes
+from pourcast.generate.shapes import ShapesFamily
+from pourcast.generate.voronoi import VoronoiFamily
+from pourcast.liquid import HONEY_EXP1, HONEY_EXP2, WATER, Liquid
+from pourcast.scene import Scene
+from pourcast.simulation import EngineSettings, Pour, simulate
+
+Report = Callable[[str, int, int], None]
+"""Called with what is going on, how much of it is done, and how much there is."""
+
+Kind = Literal["liquid", "marbles"]
+
+COUNTS = (25, 50, 75, 100, 200)
+BATCH = 64
+DURATION = 4.0
+"""Simulated time of a benchmark run [s]: 20,000 steps of the paper."""
+PAPER_STEP = 2e-4
+
+_DEPTH = 0.148
+_REPEATS = 2
+
+
+# Speed -------------------------------------------------------------------------------
+
+
+def obstacle_courses(count: int) -> Solids:
+    """Solids of `count` scenes of seven random polygons and a divider."""
+    rng = np.random.default_rng(0)
+
+    def polygon() -> NDArray[np.float64]:
+        sides = rng.integers(3, 8)
+        angles = rng.uniform(0.0, 6.0) + 2 * np.pi * np.arange(sides) / sides
+        centre, radius = rng.uniform((0.1, 0.4), (0.9, 1.1)), rng.uniform(0.05, 0.09)
+        corners: NDArray[np.float64] = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        return centre + corners
+
+    divider = np.array([[0.45, 0.0], [0.55, 0.0], [0.5, 0.2]])
+    return pack_solids(
+        [[(polygon(), False) for _ in range(7)] + [(divider, True)] for _ in range(count)]
+    )
+
+
+def undamped_jobs(n_particles: int, batch: int = BATCH) -> list[Job]:
+    """Jobs of undamped water, one in each obstacle course, that run for `DURATION`."""
+    settings = EngineSettings()
+    spacing = spacing_of(n_particles, _DEPTH / 2, _DEPTH)
+    support = settings.support_in_spacings * spacing
+    position = pack_cylinder(n_particles, (0.5, 1.35), _DEPTH / 2, _DEPTH)
+    one = Job(
+        position=position,
+        scene=0,
+        width=1.0,
+        height=1.5,
+        depth=_DEPTH,
+        radius=spacing / 2,
+        support_radius=support,
+        reference_density=reference_density(position, support, _DEPTH),
+        sound_speed=settings.sound_speed,
+        viscosity_alpha=WATER.viscosity_alpha,
+        damping=0.0,
+        duration=DURATION,
+    )
+    return [replace(one, scene=k) for k in range(batch)]
+
+
+def speed(n_particles: int, kind: Kind, stepping: Stepping, threads: int) -> float:
+    """Simulations of `DURATION` per second, contacts included; the better of two runs.
+
+    Parameters
+    ----------
+    n_particles
+        Number of particles.
+    kind
+        SPH liquid or rigid marbles.
+    stepping
+        Time step.
+    threads
+        Worker threads.
+    """
+    solids, jobs = obstacle_courses(BATCH), undamped_jobs(n_particles)
+    # Once for the compiler.
+    run_batch([replace(jobs[0], duration=1e-3)], solids, stepping, kind=kind, threads=1)
+    seconds = []
+    for _ in range(_REPEATS):
+        start = time.perf_counter()
+        run_batch(jobs, solids, stepping, kind=kind, threads=threads)
+        seconds.append(time.perf_counter() - start)
+    return BATCH / min(seconds)
+
+
+def speed_table(counts: Sequence[int] = COUNTS, report: Report | None = None) -> pd.DataFrame:
+    """Speed of liquid and marbles by number of particles, on one core and on all.
+
+    Parameters
+    ----------
+    counts
+        Numbers of particles.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    DataFrame
+        Indexed by `kind` (liquid at the paper's step, liquid at the default step, marbles)
+        and `N`; columns: `all cores / one` and simulations of 4 s per second.
+    """
+    settings, cores = EngineSettings(), available_cores()
+    rows = []
+    paper = replace(settings, step=PAPER_STEP)
+    kinds: dict[str, tuple[Kind, EngineSettings]] = {
+        "liquid, 2e-4 s": ("liquid", paper),
+        "liquid": ("liquid", settings),
+        "marbles": ("marbles", settings),
+    }
+    cases = [(label, count) for label in kinds for count in counts]
+    for done, (label, count) in enumerate(cases):
+        if report is not None:
+            report(f"{label}, N = {count}", done, len(cases))
+        kind, used = kinds[label]
+        spacing = spacing_of(count, _DEPTH / 2, _DEPTH)
+        stepping = used.stepping(kind, spacing, WATER.viscosity_alpha)
+        one, every = (speed(count, kind, stepping, threads) for threads in (1, cores))
+        rows.append(
+            {
+                "kind": label,
+                "N": count,
+                "step [ms]": 1e3 * stepping.step,
+                "all cores / one": every / one,
+                "one core [1/s]": one,
+                f"{cores} cores [1/s]": every,
+            }
+        )
+    return pd.DataFrame(rows).set_index(["kind", "N"])
+
+
+# The paper's grid --------------------------------------------------------------------
+
+GRID_COUNTS = (15, 20, 25, 30, 40, 50, 60, 75, 90, 100)
+GRID_ZETAS = tuple(float(zeta) for zeta in range(21))
+
+
+@dataclass(frozen=True)
+class GridPart:
+    """Simulations of one kind, liquid and number of particles: every scene at every damping.
+
+    Parameters
+    ----------
+    experiment
+        1 (120 scenes) or 2 (60 scenes).
+    label
+        What they serve.
+    liquid, n_particles, kind
+        As for `Pour`.
+    zetas
+        Dampings [1/s].
+    """
+
+    experiment: Literal[1, 2]
+    label: str
+    liquid: Liquid
+    n_particles: int
+    zetas: tuple[float, ...] = GRID_ZETAS
+    kind: Kind = "liquid"
+
+    @property
+    def scene_count(self) -> int:
+        """Scenes of the experiment."""
+        return {1: 120, 2: 60}[self.experiment]
+
+    @property
+    def size(self) -> int:
+        """Number of simulations."""
+        return self.scene_count * len(self.zetas)
+
+    def pours(self, scenes: Sequence[Scene], picks: NDArray[np.int64]) -> list[Pour]:
+        """Simulations number `picks` of the part."""
+        return [
+            Pour(
+                scenes[pick // len(self.zetas)],
+                self.liquid,
+                self.n_particles,
+                self.zetas[pick % len(self.zetas)],
+                kind=self.kind,
+            )
+            for pick in picks
+        ]
+
+
+def paper_grid() -> list[GridPart]:
+    """All simulations that the paper's fits and figures need: 88,560.
+
+    Experiment 1: water IFE, honey IFE (Model 1) and MarbleSim at ten N and 21 zeta,
+    water also with alpha = 0.2 and 2 at N = 50; both ground truths. Experiment 2:
+    N = 50 with water (three alpha) and honey, the two fitted MarbleSims, both truths.
+
+    Examples
+    --------
+    >>> sum(part.size for part in paper_grid())
+    88560
+    """
+    thicker = [replace(WATER, name=f"alpha {a:g}", viscosity_alpha=a) for a in (0.2, 2.0)]
+    parts = [GridPart(1, "water IFE", WATER, n) for n in GRID_COUNTS]
+    parts += [GridPart(1, f"water IFE, {liquid.name}", liquid, 50) for liquid in thicker]
+    parts += [GridPart(1, "honey IFE, Model 1", HONEY_EXP1, n) for n in GRID_COUNTS]
+    parts += [GridPart(1, "MarbleSim", WATER, n, kind="marbles") for n in GRID_COUNTS]
+    parts += [GridPart(2, "water IFE", WATER, 50)]
+    parts += [GridPart(2, f"water IFE, {liquid.name}", liquid, 50) for liquid in thicker]
+    parts += [GridPart(2, "honey IFE, Model 1", HONEY_EXP2, 50)]
+    parts += [GridPart(2, "MarbleSim", WATER, n, kind="marbles") for n in (25, 75)]
+    parts += [GridPart(1, "truth, water", WATER, 200, (0.0,))]
+    parts += [GridPart(1, "truth, honey", HONEY_EXP1, 100, (0.0,))]
+    parts += [GridPart(2, "truth, water", WATER, 200, (0.0,))]
+    parts += [GridPart(2, "truth, honey", HONEY_EXP2, 100, (0.0,))]
+    return parts
+
+
+def plan_table(
+    parts: Sequence[GridPart],
+    share: float = 0.05,
+    seed: int = 0,
+    report: Report | None = None,
+) -> pd.DataFrame:
+    """Time that a grid takes on this machine, from running a random share of each part.
+
+    Parameters
+    ----------
+    parts
+        The grid.
+    share
+        Share of each part that is run, 0..1; at least 64 simulations.
+    seed
+        Source of the scenes and of the choice.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    DataFrame
+        A row per part: simulations in all and run, and minutes for all of them.
+    """
+    scenes: dict[int, list[Scene]] = {}
+    rng = np.random.default_rng(seed)
+    rows = []
+    for done, part in enumerate(parts):
+        if report is not None:
+            report(f"experiment {part.experiment}: {part.label}", done, len(parts))
+        if part.experiment not in scenes:
+            scenes[part.experiment] = _grid_scenes(part, seed)
+        run = min(part.size, max(BATCH, round(share * part.size)))
+        picks = rng.choice(part.size, run, replace=False)
+        pours = part.pours(scenes[part.experiment], picks)
+        start = time.perf_counter()
+        simulate(pours)
+        seconds = time.perf_counter() - start
+        rows.append(
+            {
+                "part": f"exp{part.experiment} {part.label}",
+                "N": part.n_particles,
+                "simulations": part.size,
+                "run": run,
+                "minutes": seconds / run * part.size / 60,
+            }
+        )
+    return pd.DataFrame(rows).set_index("part")
+
+
+def _grid_scenes(part: GridPart, seed: int) -> list[Scene]:
+    """Scenes of Experiment 1 as the paper has them; of Experiment 2 any, which cost the same."""
+    if part.experiment == 1:
+        return filtered_scenes(VoronoiFamily(), part.scene_count, seed).scenes
+    draws = (drawn_scene(ShapesFamily(), seed, k) for k in range(10 * part.scene_count))
+    return [scene for scene in draws if scene is not None][: part.scene_count]

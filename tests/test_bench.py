@@ -1,0 +1,46 @@
+"""The benchmark commands measure something, and count right."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pourcast import WATER, bench, cli
+
+
+def test_the_grid_has_every_simulation_once():
+    parts = bench.paper_grid()
+    assert sum(part.size for part in parts) == 88_560
+    names = [(part.experiment, part.label, part.n_particles) for part in parts]
+    assert len(set(names)) == len(names)
+
+
+def test_picks_number_the_simulations_of_a_part(monkeypatch):
+    part = bench.GridPart(2, "some", WATER, 20, (0.0, 3.0, 7.0))
+    scenes = [f"scene {k}" for k in range(part.scene_count)]
+    pours = part.pours(scenes, np.arange(part.size))
+    assert len({(pour.scene, pour.damping_zeta) for pour in pours}) == part.size == 180
+
+
+def test_a_plan_is_measured_and_scaled(monkeypatch, capsys):
+    part = bench.GridPart(2, "some", WATER, 15, (5.0, 9.0))
+    monkeypatch.setattr(bench, "paper_grid", lambda: [part, part])
+    assert cli.run(["bench", "--plan", "paper", "--share", "0.01", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["simulations"] for row in rows] == [120, 120]
+    assert [row["run"] for row in rows] == [64, 64]
+    assert all(row["minutes"] > 0 for row in rows)
+    assert cli.run(["bench", "--plan", "paper", "--share", "0.01"]) == 0
+    assert "240 simulations" in capsys.readouterr().out
+
+
+def test_speed_is_measured_for_liquid_and_marbles(monkeypatch):
+    monkeypatch.setattr(bench, "DURATION", 0.1)
+    table = bench.speed_table([15])
+    assert list(table.index) == [
+        ("liquid, 2e-4 s", 15),
+        ("liquid", 15),
+        ("marbles", 15),
+    ]
+    assert (table.filter(like="[1/s]") > 0).all(axis=None)
+    assert table["step [ms]"].to_list() == pytest.approx([0.2, 0.4, 0.5], rel=0.02)
