@@ -15,6 +15,7 @@ from PIL import Image
 from pourcast import cli
 from pourcast.scene import read_scenes, write_scenes
 from tests.make import ramp_scene, random_scenes
+from tests.test_docs import COMMANDS
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 QUICK = "ife:n_particles=20,zeta_sigma=0"
@@ -163,7 +164,7 @@ def test_models_are_listed(capsys):
 def test_every_command_has_help_with_an_example(capsys):
     assert call() == 0
     overview = capsys.readouterr().out
-    for command in "demo scenes new predict show import export models bench".split():
+    for command in COMMANDS:
         assert command in overview
         assert call(command, "--help") == 0
         assert f"Example: pourcast {command}" in capsys.readouterr().out.replace("\n ", "")
