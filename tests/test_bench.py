@@ -1,9 +1,11 @@
 """The benchmark commands measure something, and count right."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks import ceiling
 
 from pourcast import WATER, bench, cli
 
@@ -44,3 +46,11 @@ def test_speed_is_measured_for_liquid_and_marbles(monkeypatch):
     ]
     assert (table.filter(like="[1/s]") > 0).all(axis=None)
     assert table["step [ms]"].to_list() == pytest.approx([0.2, 0.4, 0.5], rel=0.02)
+
+
+def test_the_ceiling_does_the_same_work(tmp_path: Path):
+    program = ceiling.build(tmp_path)
+    if program is None:
+        pytest.skip("no g++ here")
+    _, x, y = ceiling.run_ceiling(program, 25, 2000)
+    assert (x, y) == pytest.approx(ceiling.mean_place(25, 0.4), abs=1e-4)

@@ -1,7 +1,8 @@
 """SPH for one large simulation: sums over a neighbour list instead of all pairs.
 
 A Verlet list holds every pair closer than the support radius plus a skin, and
-is rebuilt from a grid of cells once a particle may have moved half the skin.
+is rebuilt from a grid of cells once a particle has moved half the skin, the
+motion that all have in common left out: a blob in free fall keeps its list.
 The physics is that of `sph`; only the pair loops differ.
 """
 
@@ -12,8 +13,7 @@ import numpy as np
 from pourcast.engine.compile import allocating_kernel, kernel
 from pourcast.engine.contact import collide_with_box, collide_with_polygons
 from pourcast.engine.kernel import shape, slope
-from pourcast.engine.simd import LANES
-from pourcast.engine.sph import finish_density, integrate, measure, start_density
+from pourcast.engine.sph import finish_density, integrate, start_density
 
 ALL_PAIRS_LIMIT = 300
 """Above this number of particles the neighbour list takes over."""
@@ -144,6 +144,33 @@ def add_listed_forces(state: Any, lanes: Any, start: Any, partner: Any) -> None:
             acceleration[2, j] -= push * dz
 
 
+@kernel
+def farthest_from_common_motion(position: Any, listed: Any) -> float:
+    """Largest displacement since the list was made, less the mean one [m].
+
+    Parameters
+    ----------
+    position
+        Positions [m], shape [3, at least count].
+    listed
+        Positions when the list was made [m], shape [3, count].
+    """
+    count = listed.shape[1]
+    mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
+    for i in range(count):
+        mean_x += position[0, i] - listed[0, i]
+        mean_y += position[1, i] - listed[1, i]
+        mean_z += position[2, i] - listed[2, i]
+    mean_x, mean_y, mean_z = mean_x / count, mean_y / count, mean_z / count
+    farthest = 0.0
+    for i in range(count):
+        dx = position[0, i] - listed[0, i] - mean_x
+        dy = position[1, i] - listed[1, i] - mean_y
+        dz = position[2, i] - listed[2, i] - mean_z
+        farthest = max(farthest, dx * dx + dy * dy + dz * dz)
+    return float(np.sqrt(farthest))
+
+
 @allocating_kernel
 def advance_one(
     state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps: int, count: int
@@ -167,20 +194,17 @@ def advance_one(
     """
     position = state.position.reshape(3, state.density.size)
     support = 1.0 / lanes.inverse_support[0]
-    start, partner = list_pairs(position, count, (1.0 + SKIN) * support)
-    travelled = 0.0
-    squared_speed, head = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
+    reach, allowed = (1.0 + SKIN) * support, 0.5 * SKIN * support
+    start, partner = list_pairs(position, count, reach)
+    listed = position[:, :count].copy()
     for _ in range(steps):
-        if travelled > 0.5 * SKIN * support:
-            start, partner = list_pairs(position, count, (1.0 + SKIN) * support)
-            travelled = 0.0
+        if farthest_from_common_motion(position, listed) > allowed:
+            start, partner = list_pairs(position, count, reach)
+            listed[:] = position[:, :count]
         start_density(state, lanes)
         add_listed_density(state, lanes, start, partner)
         finish_density(state, lanes)
         add_listed_forces(state, lanes, start, partner)
         integrate(state, lanes, step)
-        # Contact only shortens a step or pushes by what the step had penetrated.
-        measure(state, lanes, squared_speed, head)
-        travelled += 2.0 * step * np.sqrt(squared_speed.max())
         collide_with_box(state, lanes)
         collide_with_polygons(state, lanes, solids, cells)

@@ -1,27 +1,21 @@
-"""The engine beside a hand-written ceiling: the same work in C++ with vector extensions.
+"""A ceiling for the engine: the same work in C++ with vector extensions (`ceiling.cpp`).
 
-    python -m benchmarks.throughput
-
-Liquid at the paper's step, as `pourcast bench` measures it. The ceiling
-(`ceiling.cpp`, contacts included) needs g++.
+Contacts included. Needs g++.
 """
 
 import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from pourcast.bench import (
-    COUNTS,
     DURATION,
     PAPER_STEP,
     obstacle_courses,
-    speed,
     undamped_jobs,
 )
-from pourcast.engine.batch import Job, Stepping, available_cores, run_batch
+from pourcast.engine.batch import Job, Stepping, run_batch
 from pourcast.engine.simd import LANES
 from pourcast.engine.solids import Solids
 
@@ -71,29 +65,14 @@ def run_ceiling(program: Path, count: int, steps: int) -> tuple[float, float, fl
     return seconds, mean_x, mean_y
 
 
+def ceiling_speed(program: Path, count: int) -> float:
+    """Simulations of `DURATION` per second on one core; the better of two runs."""
+    return LANES / min(run_ceiling(program, count, STEPS)[0] for _ in range(2))
+
+
 def mean_place(count: int, duration: float) -> tuple[float, float]:
     """Mean x and y of the same 16 simulations in the engine, to see that both do the same."""
     jobs = [Job(**{**vars(job), "duration": duration}) for job in undamped_jobs(count, LANES)]
     ends = run_batch(jobs, obstacle_courses(LANES), STEPPING)
     x, y, _ = np.mean([end.position for end in ends], axis=(0, 1))
     return float(x), float(y)
-
-
-def main() -> None:
-    """Print the table in Markdown."""
-    cores = available_cores()
-    print(f"| N | ours / ceiling | {cores} cores / 1 | ours, 1 core [1/s] | ceiling [1/s] |")
-    print("| --- | --- | --- | --- | --- |")
-    with tempfile.TemporaryDirectory() as folder:
-        program = build(Path(folder))
-        for count in COUNTS:
-            ratio = absolute = "-"
-            one, every = (speed(count, "liquid", STEPPING, threads) for threads in (1, cores))
-            if program is not None:
-                seconds = min(run_ceiling(program, count, STEPS)[0] for _ in range(2))
-                ratio, absolute = f"{one * seconds / LANES:.2f}", f"{LANES / seconds:.1f}"
-            print(f"| {count} | {ratio} | {every / one:.2f} | {one:.1f} | {absolute} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()
