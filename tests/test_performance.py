@@ -1,0 +1,147 @@
+"""What speed promises: ratios and processor time, never the wall clock; and what it may not cost."""
+
+import os
+import subprocess
+import sys
+import time
+import tracemalloc
+
+import llvmlite.binding
+import numpy as np
+import pytest
+
+from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, bench, simulate
+from pourcast.engine import sph
+from pourcast.engine.compile import kernel
+from pourcast.engine.solids import Cells, build_cells
+from pourcast.generate.select import filtered_scenes
+from pourcast.generate.voronoi import VoronoiFamily
+from tests.make import loaded_block, ramp_scene, random_scenes
+
+FIRST_SIMULATION = """
+from pourcast import WATER, Pour, read_scenes, simulate
+print(simulate([Pour(read_scenes("examples/ramp.json")[0], WATER, 50)])[0].position.tobytes().hex())
+"""
+
+
+def start(code: str, **environment: str) -> subprocess.Popen:
+    command = [sys.executable, "-W", "ignore", "-c", code]
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0", **environment}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, text=True, env=environment, **pipes)
+
+
+def processor_seconds(code: str) -> float:
+    """Processor time of a fresh process, start of Python included."""
+    process = start(code)
+    process.stdout.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = status
+    assert status == 0, process.stderr.read()
+    process.stdout.close()
+    process.stderr.close()
+    return usage.ru_utime + usage.ru_stime
+
+
+def test_the_package_is_imported_in_half_a_second():
+    assert min(processor_seconds("import pourcast") for _ in range(3)) < 0.5
+
+
+def test_the_first_simulation_takes_a_second_and_a_half():
+    processor_seconds(FIRST_SIMULATION)  # so that the kernels are in the cache
+    assert min(processor_seconds(FIRST_SIMULATION) for _ in range(3)) < 1.5
+
+
+def test_several_processes_may_fill_an_empty_cache_at_once(tmp_path):
+    processes = [start(FIRST_SIMULATION, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(3)]
+    answers = [process.communicate(timeout=200) for process in processes]
+    assert [process.returncode for process in processes] == [0, 0, 0], answers
+    assert len({answer for answer, _ in answers}) == 1
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nbc")}
+    assert before
+    process = start(FIRST_SIMULATION, NUMBA_CACHE_DIR=str(tmp_path))
+    assert process.communicate(timeout=200)[0] == answers[0][0]
+    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nbc")} == before
+
+
+def test_bits_depend_neither_on_company_nor_order_nor_threads():
+    rng = np.random.default_rng(4)
+    scenes = random_scenes(40, seed=6)
+    pours = [
+        Pour(
+            scenes[rng.integers(len(scenes))],
+            (WATER, HONEY_EXP1)[rng.integers(2)],
+            int(rng.choice([15, 18, 27, 50])),
+            float(rng.integers(21)),
+            kind="marbles" if rng.random() < 0.25 else "liquid",
+        )
+        for _ in range(200)
+    ]
+    settings = EngineSettings(max_duration=0.8)
+
+    def bits(chosen, threads):
+        outcomes = simulate([pours[k] for k in chosen], settings=settings, threads=threads)
+        found = {k: o.position.tobytes() for k, o in zip(chosen, outcomes, strict=True)}
+        return [found[k] for k in sorted(found)]
+
+    expected = bits(range(200), 1)
+    for threads in (1, 2, 3):
+        assert bits(rng.permutation(200), threads) == expected
+    for k in rng.choice(200, 20, replace=False):
+        assert bits([k], 1) == [expected[k]]
+
+
+def test_queued_simulations_hold_no_trajectories():
+    settings = EngineSettings(max_duration=0.5, marble_step=2e-3)
+    pours = [Pour(ramp_scene(), WATER, 15, kind="marbles")] * 10_000
+    simulate(pours[:16], settings=settings)
+    tracemalloc.start()
+    outcomes = simulate(pours, settings=settings)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    trajectories = 10_000 * (1 + settings.frame_rate * 0.5) * outcomes[0].position.nbytes
+    assert peak < 10_000 * (3_000 + 4 * outcomes[0].position.nbytes)
+    assert peak < 2 * trajectories  # a pour of 4 s would have eight times as many frames
+
+
+def test_steps_twice_as_long_as_the_papers_leave_judgments_alone():
+    scenes = filtered_scenes(VoronoiFamily(), 120, 1).scenes
+    pours = [Pour(scene, WATER, 50, 5.0) for scene in scenes]
+    ours, paper = (
+        np.array([outcome.judgment for outcome in simulate(pours, settings=settings)])
+        for settings in (EngineSettings(), EngineSettings(step=2e-4))
+    )
+    assert np.abs(ours - paper).mean() < 0.01
+    assert np.corrcoef(ours, paper)[0, 1] > 0.995
+
+
+@kernel
+def chain(start: float, count: int) -> float:
+    """Multiplications that wait for one another: three or four cycles each."""
+    value = start
+    for _ in range(count):
+        value *= 0.9999999
+    return value
+
+
+def test_the_engine_needs_few_cycles_a_pair():
+    # Measured: 0.95 links of the chain (2.9 cycles) per pair and simulation with AVX-512.
+    features = llvmlite.binding.get_host_cpu_features()
+    allowed = 2.0 if features.get("avx512f") else 4.0 if features.get("avx2") else 8.0
+    count, links, steps = 50, 1_000_000, 500
+    solids = bench.obstacle_courses(16)
+    cells = Cells(*build_cells(solids, np.tile([1.0, 1.5], (16, 1)), 0.03))
+    state, lanes = loaded_block(bench.undamped_jobs(count, 16), 2e-4)
+    block = (state, lanes, solids, cells, 2e-4)
+    chain(1.0, 10)
+    ratios = []
+    for _ in range(10):
+        times = [time.process_time()]
+        chain(1.0, links)
+        times.append(time.process_time())
+        sph.advance(*block, steps)
+        times.append(time.process_time())
+        link, pair = np.diff(times) / (links, steps * 16 * count * (count - 1) / 2)
+        ratios.append(pair / link)
+    print(f"{min(ratios):.2f} links a pair")
+    assert min(ratios) < allowed
