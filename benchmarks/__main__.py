@@ -3,7 +3,7 @@
     python -m benchmarks
 
 prints tables in Markdown, ratios first, and writes docs/images/speed.png. Takes five
-minutes. What isn't there (g++, Warp, JAX, MuJoCo) is left out.
+minutes. What isn't there (g++, Warp, Taichi, JAX, MuJoCo) is left out.
 """
 
 import importlib.util
@@ -17,16 +17,26 @@ from matplotlib.figure import Figure
 from benchmarks import ceiling, peers
 from pourcast.bench import COUNTS, obstacle_courses, speed, undamped_jobs
 from pourcast.engine.batch import Job, available_cores, run_batch
+from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
 from pourcast.simulation import EngineSettings
 
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "speed.png"
-GROWTH_COUNTS = (15, 50, 100, 200, 300, 500, 1000, 2000, 5000)
-_MODULES = {"Warp (CPU)": "warp", "JAX (CPU)": "jax", "MuJoCo": "mujoco"}
+GROWTH_COUNTS = (15, 50, 100, 200, 400, 600, 601, 1000, 2000, 5000)
+_MODULES = {
+    "Warp (CPU)": "warp",
+    "Taichi (CPU)": "taichi",
+    "JAX (CPU)": "jax",
+    "MuJoCo": "mujoco",
+}
 
 
 def installed(found: dict) -> dict:
     """Peers whose module can be imported."""
-    return {name: run for name, run in found.items() if importlib.util.find_spec(_MODULES[name])}
+    return {
+        name: run
+        for name, run in found.items()
+        if name in _MODULES and importlib.util.find_spec(_MODULES[name])
+    }
 
 
 def liquid_speeds() -> dict[str, list[float]]:
@@ -80,7 +90,7 @@ def growth() -> dict[int, float]:
     """Milliseconds per step and simulation against the number of particles, on one core."""
     found = {}
     for count in GROWTH_COUNTS:
-        batch = 16 if count <= 300 else 1
+        batch = 16 if count <= ALL_PAIRS_LIMIT else 1
         duration = 0.6
         jobs = [Job(**{**vars(job), "duration": duration}) for job in undamped_jobs(count, batch)]
         run = [jobs, obstacle_courses(batch), ceiling.STEPPING]
@@ -117,7 +127,9 @@ def main() -> None:
     print("| ms per step |" + "".join(f" {cost:.3g} |" for cost in costs.values()))
     large = [n for n in costs if n >= 1000]
     slope = np.polyfit(np.log(large), np.log([costs[n] for n in large]), 1)[0]
-    print(f"\nFrom N = 1,000 to 5,000 the cost grows as N to the power of {slope:.2f}.")
+    print(
+        f"\nFrom N = {large[0]:,} to {large[-1]:,} the cost grows as N to the power of {slope:.2f}."
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The same work on general engines: Warp and JAX for the liquid, MuJoCo for marbles.
+"""The same work on general engines: Warp, Taichi and JAX for the liquid, MuJoCo for marbles.
 
 They are given less to do than ours: the liquid meets the walls only, no
 polygons; and MuJoCo takes steps of 1 ms. Each runs on one core where it lets us
@@ -114,6 +114,71 @@ def warp_speed(count: int) -> float:
     return BATCH / (timed(run, max(10, 20_000 // count)) * STEPS)
 
 
+def taichi_speed(count: int) -> float:
+    """Simulations of `DURATION` per second in Taichi on one core of the CPU."""
+    import taichi as ti
+
+    ti.init(arch=ti.cpu, cpu_max_num_threads=1, log_level=ti.WARN)
+    job = undamped_jobs(count)[0]
+    c = constants(job)
+    inverse, rest, push_factor = c["inverse"], c["rest"], c["push"]
+    friction_factor, least, radius = c["friction"], c["least"], c["radius"]
+    n, dt, size = count, PAPER_STEP, BATCH * count
+    x, v, rate = (ti.Vector.field(3, ti.f32, size) for _ in range(3))
+    density = ti.field(ti.f32, size)
+    x.from_numpy(np.tile(job.position, (BATCH, 1)))
+
+    @ti.kernel
+    def densities():
+        for k in range(size):
+            first = (k // n) * n
+            total = 0.0
+            for j in range(first, first + n):
+                t = ti.max(1.0 - (x[k] - x[j]).norm() * inverse, 0.0)
+                total += t * t * t * t * (5.0 - 4.0 * t)
+            density[k] = total / rest
+
+    @ti.kernel
+    def forces():
+        for k in range(size):
+            first = (k // n) * n
+            total = ti.Vector([0.0, -9.81, 0.0])
+            dk = density[k]
+            pk = ti.max(dk - 1.0, 0.0) / (dk * dk)
+            for j in range(first, first + n):
+                r = x[k] - x[j]
+                r2 = r.dot(r)
+                t = ti.max(1.0 - ti.sqrt(r2) * inverse, 0.0)
+                dj = density[j]
+                pj = ti.max(dj - 1.0, 0.0) / (dj * dj)
+                approach = ti.min((v[k] - v[j]).dot(r), 0.0)
+                friction = approach / ((r2 + least) * (dk + dj))
+                total += (push_factor * (pk + pj) - friction_factor * friction) * t * t * t * r
+            rate[k] = total
+
+    @ti.kernel
+    def integrate():
+        for k in range(size):
+            v[k] += dt * rate[k]
+            place = x[k] + dt * v[k]
+            x[k] = ti.Vector(
+                [
+                    ti.math.clamp(place[0], radius, 1.0 - radius),
+                    ti.max(place[1], radius),
+                    ti.math.clamp(place[2], radius, 0.148 - radius),
+                ]
+            )
+
+    def run(steps: int) -> None:
+        for _ in range(steps):
+            densities()
+            forces()
+            integrate()
+        ti.sync()
+
+    return BATCH / (timed(run, max(10, 20_000 // count)) * STEPS)
+
+
 def jax_speed(count: int) -> float:
     """Simulations of `DURATION` per second in JAX on the CPU; vmap over simulations."""
     import jax
@@ -191,5 +256,5 @@ def mujoco_speed(count: int) -> float:
     return 1.0 / (time.perf_counter() - start)
 
 
-LIQUID_PEERS = {"Warp (CPU)": warp_speed, "JAX (CPU)": jax_speed}
+LIQUID_PEERS = {"Warp (CPU)": warp_speed, "Taichi (CPU)": taichi_speed, "JAX (CPU)": jax_speed}
 MARBLE_PEERS = {"MuJoCo": mujoco_speed}

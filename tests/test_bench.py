@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks import __main__ as benchmark
 from benchmarks import ceiling
 
 from pourcast import WATER, bench, cli
@@ -54,3 +55,18 @@ def test_the_ceiling_does_the_same_work(tmp_path: Path):
         pytest.skip("no g++ here")
     _, x, y = ceiling.run_ceiling(program, 25, 2000)
     assert (x, y) == pytest.approx(ceiling.mean_place(25, 0.4), abs=1e-4)
+
+
+def test_the_benchmark_prints_tables_and_draws(monkeypatch, tmp_path, capsys):
+    # Without the peers, which take minutes.
+    small = {"COUNTS": (15, 25), "GROWTH_COUNTS": (15, 700, 1000, 1100)}
+    small |= {"PICTURE": tmp_path / "speed.png", "_MODULES": {}}
+    for name, value in small.items():
+        monkeypatch.setattr(benchmark, name, value)
+    monkeypatch.setattr(bench, "DURATION", 0.05)
+    monkeypatch.setattr(benchmark.ceiling, "STEPS", 250)
+    benchmark.main()
+    printed = capsys.readouterr().out
+    assert "| ours / pourcast, " in printed
+    assert "From N = 1,000 to 1,100 the cost grows" in printed
+    assert (tmp_path / "speed.png").stat().st_size > 5_000

@@ -8,7 +8,6 @@ import tracemalloc
 
 import llvmlite.binding
 import numpy as np
-import pytest
 
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, bench, simulate
 from pourcast.engine import sph
