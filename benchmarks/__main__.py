@@ -127,9 +127,8 @@ def main() -> None:
     print("| ms per step |" + "".join(f" {cost:.3g} |" for cost in costs.values()))
     large = [n for n in costs if n >= 1000]
     slope = np.polyfit(np.log(large), np.log([costs[n] for n in large]), 1)[0]
-    print(
-        f"\nFrom N = {large[0]:,} to {large[-1]:,} the cost grows as N to the power of {slope:.2f}."
-    )
+    span = f"From N = {large[0]:,} to {large[-1]:,}"
+    print(f"\n{span} the cost grows as N to the power of {slope:.2f}.")
 
 
 if __name__ == "__main__":
