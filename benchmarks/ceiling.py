@@ -5,6 +5,7 @@ Contacts included. Needs g++.
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,7 @@ def ceiling_speed(program: Path, count: int) -> float:
 
 def mean_place(count: int, duration: float) -> tuple[float, float]:
     """Mean x and y of the same 16 simulations in the engine, to see that both do the same."""
-    jobs = [Job(**{**vars(job), "duration": duration}) for job in undamped_jobs(count, LANES)]
+    jobs = [replace(job, duration=duration) for job in undamped_jobs(count, LANES)]
     ends = run_batch(jobs, obstacle_courses(LANES), STEPPING)
     x, y, _ = np.mean([end.position for end in ends], axis=(0, 1))
     return float(x), float(y)

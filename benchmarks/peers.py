@@ -12,24 +12,33 @@ from collections.abc import Callable
 import numpy as np
 
 from pourcast.bench import BATCH, DURATION, PAPER_STEP, undamped_jobs
-from pourcast.engine.batch import Job
+from pourcast.engine.batch import Job, fill_lane
+from pourcast.engine.state import empty_lanes
 
 STEPS = round(DURATION / PAPER_STEP)
 MARBLE_STEP = 1e-3
 
 
+Speed = Callable[[int], float]
+"""Simulations of `DURATION` per second at a number of particles."""
+
+Peer = tuple[str, Speed]
+"""The module that a peer needs, and its speed."""
+
+
 def constants(job: Job) -> dict[str, float]:
-    """Factors of the pair forces, as `pourcast.engine.batch.fill_lane` has them."""
-    h = job.support_radius / 2
-    gradient = 20.0 / (job.support_radius**2 * job.reference_density)
-    return {
-        "inverse": 1.0 / job.support_radius,
-        "rest": job.reference_density,
-        "push": gradient * job.sound_speed**2,
-        "friction": 2.0 * gradient * job.viscosity_alpha * job.sound_speed * h,
-        "least": 0.01 * h**2,
-        "radius": job.radius,
+    """Factors of the pair forces, the engine's own."""
+    lanes = empty_lanes()
+    fill_lane(lanes, 0, job, PAPER_STEP)
+    fields = {
+        "inverse": lanes.inverse_support,
+        "rest": lanes.reference_density,
+        "push": lanes.pressure_factor,
+        "friction": lanes.viscosity_factor,
+        "least": lanes.separation_floor,
+        "radius": lanes.radius,
     }
+    return {name: float(field[0]) for name, field in fields.items()}
 
 
 def timed(run: Callable[[int], None], steps: int) -> float:
@@ -256,5 +265,9 @@ def mujoco_speed(count: int) -> float:
     return 1.0 / (time.perf_counter() - start)
 
 
-LIQUID_PEERS = {"Warp (CPU)": warp_speed, "Taichi (CPU)": taichi_speed, "JAX (CPU)": jax_speed}
-MARBLE_PEERS = {"MuJoCo": mujoco_speed}
+LIQUID_PEERS: dict[str, Peer] = {
+    "Warp (CPU)": ("warp", warp_speed),
+    "Taichi (CPU)": ("taichi", taichi_speed),
+    "JAX (CPU)": ("jax", jax_speed),
+}
+MARBLE_PEERS: dict[str, Peer] = {"MuJoCo": ("mujoco", mujoco_speed)}

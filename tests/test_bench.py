@@ -60,9 +60,11 @@ def test_the_ceiling_does_the_same_work(tmp_path: Path):
 def test_the_benchmark_prints_tables_and_draws(monkeypatch, tmp_path, capsys):
     # Without the peers, which take minutes.
     small = {"COUNTS": (15, 25), "GROWTH_COUNTS": (15, 700, 1000, 1100)}
-    small |= {"PICTURE": tmp_path / "speed.png", "_MODULES": {}}
+    small |= {"PICTURE": tmp_path / "speed.png"}
     for name, value in small.items():
         monkeypatch.setattr(benchmark, name, value)
+    monkeypatch.setattr(benchmark.peers, "LIQUID_PEERS", {})
+    monkeypatch.setattr(benchmark.peers, "MARBLE_PEERS", {})
     monkeypatch.setattr(bench, "DURATION", 0.05)
     monkeypatch.setattr(benchmark.ceiling, "STEPS", 250)
     benchmark.main()
