@@ -23,7 +23,7 @@ from pourcast.engine.simd import LANES
 from pourcast.simulation import EngineSettings
 
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "speed.png"
-GROWTH_COUNTS = (15, 50, 100, 200, 400, 600, 601, 1000, 2000, 5000)
+GROWTH_COUNTS = (15, 50, 100, 200, 300, 301, 500, 1000, 2000, 5000)
 _GROWTH_DURATION = 0.6
 
 

@@ -1,4 +1,4 @@
-"""The same work on general engines: Warp, Taichi and JAX for the liquid, MuJoCo for marbles.
+"""The same work on general engines: Warp, Taichi, JAX, SPlisHSPlasH; MuJoCo for marbles.
 
 They are given less to do than ours: the liquid meets the walls only, no
 polygons; and MuJoCo takes steps of 1 ms. Each runs on one core where it lets us
@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from benchmarks import splishsplash
 from pourcast.bench import BATCH, DURATION, PAPER_STEP, undamped_jobs
 from pourcast.engine.batch import Job, fill_lane
 from pourcast.engine.state import empty_lanes
@@ -269,5 +270,6 @@ LIQUID_PEERS: dict[str, Peer] = {
     "Warp (CPU)": ("warp", warp_speed),
     "Taichi (CPU)": ("taichi", taichi_speed),
     "JAX (CPU)": ("jax", jax_speed),
+    "SPlisHSPlasH": ("pysplishsplash", splishsplash.speed),
 }
 MARBLE_PEERS: dict[str, Peer] = {"MuJoCo": ("mujoco", mujoco_speed)}

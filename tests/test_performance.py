@@ -129,7 +129,7 @@ def test_the_engine_needs_few_cycles_a_pair():
     allowed = 2.0 if features.get("avx512f") else 4.0 if features.get("avx2") else 8.0
     count, links, steps = 50, 1_000_000, 500
     solids = bench.obstacle_courses(16)
-    cells = Cells(*build_cells(solids, np.tile([1.0, 1.5], (16, 1)), 0.03))
+    cells = Cells(*build_cells(solids, np.tile([1.0, 1.5], (16, 1)), 0.03, 0, 16))
     state, lanes = loaded_block(bench.undamped_jobs(count, 16), 2e-4)
     block = (state, lanes, solids, cells, 2e-4)
     chain(1.0, 10)

@@ -85,9 +85,10 @@ def test_neighbour_list_holds_each_close_pair_once():
     position = rng.uniform(0, 1, (3, 500)).astype(np.float32)
     pairs = neighbours.list_pairs(position, 500, 0.13)
     later = np.repeat(pairs.order, np.diff(pairs.start))
-    listed = {frozenset(pair) for pair in zip(later.tolist(), pairs.partner.tolist(), strict=True)}
+    partner = pairs.partner[: pairs.start[-1]]
+    listed = {frozenset(pair) for pair in zip(later.tolist(), partner.tolist(), strict=True)}
     expected = {frozenset(pair) for pair in KDTree(position.T).query_pairs(0.13)}
-    assert len(pairs.partner) == len(listed)
+    assert len(partner) == len(listed)
     assert listed == expected
 
 

@@ -10,8 +10,9 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -21,7 +22,7 @@ from pourcast.engine import neighbours, rigid, sph
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN
 from pourcast.engine.kernel import GRADIENT_FACTOR
 from pourcast.engine.simd import LANES
-from pourcast.engine.solids import Cells, Solids, build_cells
+from pourcast.engine.solids import Cells, Solids, build_cells, join_cells
 from pourcast.engine.state import Lanes, State, empty_lanes, empty_state
 
 REST_SPEED = 0.02
@@ -105,6 +106,14 @@ class Stepping:
         return self.step * self.steps_per_frame
 
 
+def _lane_values() -> NDArray[np.float64]:
+    return np.full(LANES, np.inf)
+
+
+def _lane_counts() -> NDArray[np.int64]:
+    return np.zeros(LANES, np.int64)
+
+
 @dataclass
 class _Block:
     """A state, its lanes' parameters, and which job is in which lane."""
@@ -114,8 +123,12 @@ class _Block:
     count: int
     jobs: dict[int, int] = field(default_factory=dict)
     """Lane -> index of the job in it."""
-    frames_done: dict[int, int] = field(default_factory=dict)
-    still_frames: dict[int, int] = field(default_factory=dict)
+    duration: NDArray[np.float64] = field(default_factory=_lane_values)
+    """Cap on each lane's simulated time [s]; endless in an empty lane."""
+    decided_below: NDArray[np.float64] = field(default_factory=_lane_values)
+    """Head [m] below which each lane's outcome is decided."""
+    frames_done: NDArray[np.int64] = field(default_factory=_lane_counts)
+    still_frames: NDArray[np.int64] = field(default_factory=_lane_counts)
     recorded: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict)
 
 
@@ -190,23 +203,23 @@ def run_batch(
     worker_count = min(threads or available_cores(), len(jobs))
     large = kind == "liquid" and len(jobs[0].position) > neighbours.ALL_PAIRS_LIMIT
     width = 1 if large else min(LANES, -(-len(jobs) // worker_count))
-    cells = _cells_of(jobs, solids)
 
-    def work() -> None:
+    def work(cells: Cells) -> None:
         block = _new_block(len(jobs[0].position), large=large)
         while not stop.is_set():
             _take_jobs(block, queue, jobs, stepping.step, width, record=record, large=large)
             if not block.jobs:
                 return
             _advance(block, solids, cells, stepping, kind=kind, large=large)
-            for index, result in _finished(block, jobs, stepping, large=large):
+            for index, result in _finished(block, stepping, large=large):
                 results[index] = result
                 if on_done is not None:
                     on_done(index, result)
 
     with ThreadPoolExecutor(worker_count) as pool:
         try:
-            for future in [pool.submit(work) for _ in range(worker_count)]:
+            cells = _cells_of(jobs, solids, pool, worker_count)
+            for future in [pool.submit(work, cells) for _ in range(worker_count)]:
                 future.result()
         finally:
             stop.set()
@@ -218,12 +231,16 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _cells_of(jobs: Sequence[Job], solids: Solids) -> Cells:
-    extents = np.ones((len(solids.scene_start) - 1, 2))
+def _cells_of(jobs: Sequence[Job], solids: Solids, pool: Executor, worker_count: int) -> Cells:
+    """Broad phase of all scenes, a share of them a worker."""
+    scene_count = len(solids.scene_start) - 1
+    extents = np.ones((scene_count, 2))
     for job in jobs:
         extents[job.scene] = job.width, job.height
     reach = (1.0 + TOUCH_SKIN + LIST_SKIN) * max(job.radius for job in jobs)
-    return Cells(*build_cells(solids, extents, reach))
+    edges = np.linspace(0, scene_count, worker_count + 1).astype(int)
+    shares = pool.map(partial(build_cells, solids, extents, reach), edges[:-1], edges[1:])
+    return join_cells([Cells(*share) for share in shares])
 
 
 def _new_block(count: int, *, large: bool) -> _Block:
@@ -261,6 +278,7 @@ def _take_jobs(
         fill_lane(block.lanes, slice(None) if large else lane, job, step)
         block.jobs[lane] = index
         block.frames_done[lane] = block.still_frames[lane] = 0
+        block.duration[lane], block.decided_below[lane] = job.duration, HEAD_MARGIN * job.rim
         if record:
             block.recorded[lane] = [job.position.copy()]
 
@@ -295,31 +313,33 @@ def _advance(
         sph.advance(*arguments)
 
 
-def _finished(
-    block: _Block, jobs: Sequence[Job], stepping: Stepping, *, large: bool
-) -> list[tuple[int, Result]]:
+def _finished(block: _Block, stepping: Stepping, *, large: bool) -> list[tuple[int, Result]]:
     """Count the frame, record it, and empty the lanes whose simulation is over."""
     squared_speed, head = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
     sph.measure(block.state, block.lanes, squared_speed, head)
     speed = np.sqrt(squared_speed)
     if large:
         speed[:], head[:] = speed.max(), head.max()
+    for lane in block.recorded:
+        frame = _particles(block.state.position, block.count, lane, large=large)
+        block.recorded[lane].append(frame)
+    block.frames_done += 1
+    still = (speed < REST_SPEED) | (head < block.decided_below)
+    block.still_frames = np.where(still, block.still_frames + 1, 0)
+    settled = block.still_frames >= REST_FRAMES
+    time = block.frames_done * stepping.frame
+    over = settled | (time >= block.duration - 1e-9) | ~np.isfinite(speed)
     done = []
-    for lane, index in list(block.jobs.items()):
+    for lane in np.flatnonzero(over).tolist():
+        if lane not in block.jobs:
+            continue
+        index = block.jobs[lane]
         if not np.isfinite(speed[lane]):
             raise SimulationDivergedError(
                 f"simulation {index} diverged: the time step {stepping.step:g} s is too long"
             )
-        block.frames_done[lane] += 1
-        still = speed[lane] < REST_SPEED or head[lane] < HEAD_MARGIN * jobs[index].rim
-        block.still_frames[lane] = block.still_frames[lane] + 1 if still else 0
-        if lane in block.recorded:
-            frame = _particles(block.state.position, block.count, lane, large=large)
-            block.recorded[lane].append(frame)
-        settled = block.still_frames[lane] >= REST_FRAMES
-        time = block.frames_done[lane] * stepping.frame
-        if settled or time >= jobs[index].duration - 1e-9:
-            done.append((index, _take_out(block, lane, time, settled=settled, large=large)))
+        result = _take_out(block, lane, float(time[lane]), settled=bool(settled[lane]), large=large)
+        done.append((index, result))
     return done
 
 

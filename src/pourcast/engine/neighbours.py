@@ -15,14 +15,29 @@ from numpy.typing import NDArray
 
 from pourcast.engine.compile import allocating_kernel, kernel
 from pourcast.engine.contact import collide_with_box, collide_with_polygons
-from pourcast.engine.kernel import shape, slope
-from pourcast.engine.sph import finish_density, integrate, start_density
+from pourcast.engine.kernel import shape
+from pourcast.engine.simd import (
+    LANES,
+    append_less,
+    first_lanes,
+    gather,
+    load,
+    load_from,
+    scatter,
+    splat,
+    sum_lanes,
+)
+from pourcast.engine.sph import finish_density, integrate, one_minus_q, pair_push, start_density
 
-ALL_PAIRS_LIMIT = 600
+ALL_PAIRS_LIMIT = 300
 """Above this number of particles the neighbour list takes over. There, one simulation by
 the list takes as long as 16 in lockstep take, divided by 16."""
 
-SKIN = 0.2
+LAYERS = 4
+"""Cells within one reach along z. Across it there is one: what lies in a row of cells along z is
+looked at in vectors of 16, and more rows would leave more of them half empty."""
+
+SKIN = 0.25
 """Extra reach of the list, in support radii."""
 
 
@@ -40,8 +55,6 @@ class Pairs(NamedTuple):
     partner: NDArray[np.int32]
     near_start: NDArray[np.int64]
     near_partner: NDArray[np.int32]
-    one_minus_q: NDArray[np.float32]
-    """1 - r / H of each near pair."""
 
 
 @allocating_kernel
@@ -55,25 +68,26 @@ def sort_into_cells(position: Any, count: int, size: float) -> Any:
     count
         Number of particles.
     size
-        Edge of a cell [m].
+        Edge of a cell in x and y [m]; in z there are `LAYERS` in it.
 
     Returns
     -------
-    order, first, grid, cell
+    order, first, grid
         The particles in cell c are ``order[first[c]:first[c + 1]]``, where the cell at
         column x, row y, layer z of a grid of ``grid`` cells is
-        ``c = (x * grid[1] + y) * grid[2] + z``; ``cell[i]`` is that of particle i.
+        ``c = (x * grid[1] + y) * grid[2] + z``.
     """
     low, grid = np.empty(3), np.empty(3, np.int64)
+    sizes = np.array([size, size, size / LAYERS])
     for axis in range(3):
         low[axis] = position[axis, :count].min()
-        grid[axis] = int((position[axis, :count].max() - low[axis]) / size) + 1
+        grid[axis] = int((position[axis, :count].max() - low[axis]) / sizes[axis]) + 1
     cell = np.empty(count, np.int64)
     first = np.zeros(grid[0] * grid[1] * grid[2] + 1, np.int64)
     for i in range(count):
         index = 0
         for axis in range(3):
-            index = index * grid[axis] + int((position[axis, i] - low[axis]) / size)
+            index = index * grid[axis] + int((position[axis, i] - low[axis]) / sizes[axis])
         cell[i] = index
         first[index + 1] += 1
     first = np.cumsum(first)
@@ -81,7 +95,7 @@ def sort_into_cells(position: Any, count: int, size: float) -> Any:
     for i in range(count):
         order[place[cell[i]]] = i
         place[cell[i]] += 1
-    return order, first, grid, cell
+    return order, first, grid
 
 
 @allocating_kernel
@@ -102,78 +116,98 @@ def list_pairs(position: Any, count: int, reach: float) -> Any:
     Pairs
         With room for the near pairs, of which there are none yet.
     """
-    order, first, grid, cell = sort_into_cells(position, count, reach)
-    sorted_position = np.empty((count, 3), position.dtype)
+    order, first, grid = sort_into_cells(position, count, reach)
+    # With room for a whole vector at the end of each array.
+    particle = np.zeros(count + LANES, np.int32)
+    place = np.zeros((3, count + LANES), position.dtype)
     for k in range(count):
+        particle[k] = order[k]
         for axis in range(3):
-            sorted_position[k, axis] = position[axis, order[k]]
+            place[axis, k] = position[axis, order[k]]
     start = np.zeros(count + 1, np.int64)
-    partner = np.empty(64 * count, np.int32)
+    partner = np.empty(40 * count + LANES, np.int32)
     found = 0
-    for k in range(count):
-        index = cell[order[k]]
-        cx, cy, cz = index // (grid[1] * grid[2]), index // grid[2] % grid[1], index % grid[2]
-        if found + count > len(partner):
-            longer = np.empty(2 * len(partner) + count, np.int32)
-            longer[:found] = partner[:found]
-            partner = longer
-        # Earlier in the order: in the columns before, and in this one up to the particle.
-        for nx in range(max(cx - 1, 0), cx + 1):
-            for ny in range(max(cy - 1, 0), min(cy + 2, grid[1])):
-                line = (nx * grid[1] + ny) * grid[2]
-                begin = first[line + max(cz - 1, 0)]
-                end = min(first[line + min(cz + 2, grid[2])], k)
-                found += _append_near(sorted_position, order, k, begin, end, reach, partner[found:])
-        start[k + 1] = found
+    for cx, cy, cz in np.ndindex(grid[0], grid[1], grid[2]):
+        cell = (cx * grid[1] + cy) * grid[2] + cz
+        for k in range(first[cell], first[cell + 1]):
+            if found + count + LANES > len(partner):
+                longer = np.empty(2 * len(partner) + count, np.int32)
+                longer[:found] = partner[:found]
+                partner = longer
+            # Earlier in the order: in the columns before, and in this one up to the particle.
+            for nx in range(max(cx - 1, 0), cx + 1):
+                for ny in range(max(cy - 1, 0), min(cy + 2, grid[1])):
+                    line = (nx * grid[1] + ny) * grid[2]
+                    begin = first[line + max(cz - LAYERS, 0)]
+                    end = min(first[line + min(cz + LAYERS + 1, grid[2])], k)
+                    found = _append_near(place, particle, k, begin, end, reach, partner, found)
+            start[k + 1] = found
+    partner[found : found + LANES] = 0
     return Pairs(
         order,
         start,
-        partner[:found].copy(),
+        partner,
         np.zeros(count + 1, np.int64),
-        np.empty(found + 1, np.int32),
-        np.empty(found + 1, np.float32),
+        np.zeros(found + LANES, np.int32),
     )
 
 
 @kernel
 def _append_near(
-    place: Any, order: Any, k: int, begin: int, end: int, reach: float, partner: Any
+    place: Any,
+    particle: Any,
+    k: int,
+    begin: int,
+    end: int,
+    reach: float,
+    partner: Any,
+    found: int,
 ) -> int:
-    """Write those particles of a range that are within reach of the k-th; returns how many."""
-    x, y, z = place[k, 0], place[k, 1], place[k, 2]
-    found, squared_reach = 0, np.float32(reach * reach)
-    for m in range(begin, end):
-        dx, dy, dz = x - place[m, 0], y - place[m, 1], z - place[m, 2]
-        # Written always, kept or written over: a branch here is mispredicted half the time.
-        partner[found] = order[m]
-        found += dx * dx + dy * dy + dz * dz < squared_reach
+    """Add what is within reach of the k-th of a range; returns how many are found by then."""
+    x, y, z = splat(place[0, k]), splat(place[1, k]), splat(place[2, k])
+    squared_reach = splat(reach * reach)
+    for m in range(begin, end, LANES):
+        dx = x - load_from(place[0], m)
+        dy = y - load_from(place[1], m)
+        dz = z - load_from(place[2], m)
+        r2 = dx * dx + dy * dy + dz * dz
+        found += append_less(r2, squared_reach, particle, m, end - m, partner, found)
     return found
 
 
 @kernel
 def add_listed_density(state: Any, lanes: Any, pairs: Any) -> None:
     """Kernel sum over the listed pairs; notes which of them are near."""
-    position = state.position.reshape(3, state.density.size)
-    density = state.density.reshape(state.density.size)
-    inverse_support = lanes.inverse_support[0]
-    one, zero = np.float32(1.0), np.float32(0.0)
+    size = state.density.size
+    x, y, z = (
+        state.position[0].reshape(size),
+        state.position[1].reshape(size),
+        state.position[2].reshape(size),
+    )
+    density = state.density.reshape(size)
+    inverse_support, zero = load(lanes.inverse_support, 0), splat(0.0)
+    squared_support = 1.0 / (inverse_support * inverse_support)
     found = 0
     for k in range(len(pairs.order)):
         i = pairs.order[k]
-        x, y, z = position[0, i], position[1, i], position[2, i]
-        total = density[i]
-        for entry in range(pairs.start[k], pairs.start[k + 1]):
-            j = pairs.partner[entry]
-            dx, dy, dz = x - position[0, j], y - position[1, j], z - position[2, j]
-            near = max(one - np.sqrt(dx * dx + dy * dy + dz * dz) * inverse_support, zero)
-            share = np.float32(shape(near))
-            total += share
-            density[j] += share
-            # Written always, kept or written over, as in `_append_near`.
-            pairs.near_partner[found] = j
-            pairs.one_minus_q[found] = near
-            found += near > zero
-        density[i] = total
+        xi, yi, zi, total = splat(x[i]), splat(y[i]), splat(z[i]), splat(0.0)
+        for first in range(pairs.start[k], pairs.start[k + 1], LANES):
+            count = pairs.start[k + 1] - first
+            dx, dy, dz = (
+                xi - gather(x, pairs.partner, first),
+                yi - gather(y, pairs.partner, first),
+                zi - gather(z, pairs.partner, first),
+            )
+            r2 = dx * dx + dy * dy + dz * dz
+            share = first_lanes(shape(one_minus_q(r2, inverse_support, zero)), count)
+            total = total + share
+            scatter(
+                density, pairs.partner, first, count, gather(density, pairs.partner, first) + share
+            )
+            found += append_less(
+                r2, squared_support, pairs.partner, first, count, pairs.near_partner, found
+            )
+        density[i] += sum_lanes(total)
         pairs.near_start[k + 1] = found
 
 
@@ -181,31 +215,72 @@ def add_listed_density(state: Any, lanes: Any, pairs: Any) -> None:
 def add_listed_forces(state: Any, lanes: Any, pairs: Any) -> None:
     """Pressure and artificial viscosity over the near pairs."""
     size = state.density.size
-    position, velocity = state.position.reshape(3, size), state.velocity.reshape(3, size)
-    acceleration = state.acceleration.reshape(3, size)
+    x, y, z = (
+        state.position[0].reshape(size),
+        state.position[1].reshape(size),
+        state.position[2].reshape(size),
+    )
+    u, v, w = (
+        state.velocity[0].reshape(size),
+        state.velocity[1].reshape(size),
+        state.velocity[2].reshape(size),
+    )
+    ax, ay, az = (
+        state.acceleration[0].reshape(size),
+        state.acceleration[1].reshape(size),
+        state.acceleration[2].reshape(size),
+    )
     density, pressure = state.density.reshape(size), state.pressure.reshape(size)
-    pressure_factor, viscosity_factor = lanes.pressure_factor[0], lanes.viscosity_factor[0]
-    floor, zero = lanes.separation_floor[0], np.float32(0.0)
+    zero, inverse_support = splat(0.0), load(lanes.inverse_support, 0)
+    pressure_factor, viscosity_factor = (
+        load(lanes.pressure_factor, 0),
+        load(lanes.viscosity_factor, 0),
+    )
+    separation_floor = load(lanes.separation_floor, 0)
+    near = pairs.near_partner
     for k in range(len(pairs.order)):
         i = pairs.order[k]
-        x, y, z = position[0, i], position[1, i], position[2, i]
-        u, v, w = velocity[0, i], velocity[1, i], velocity[2, i]
-        ax, ay, az = acceleration[0, i], acceleration[1, i], acceleration[2, i]
-        for entry in range(pairs.near_start[k], pairs.near_start[k + 1]):
-            j = pairs.near_partner[entry]
-            dx, dy, dz = x - position[0, j], y - position[1, j], z - position[2, j]
-            r2 = dx * dx + dy * dy + dz * dz
-            du, dv, dw = u - velocity[0, j], v - velocity[1, j], w - velocity[2, j]
-            approach = min(du * dx + dv * dy + dw * dz, zero)
-            friction = approach / ((r2 + floor) * (density[i] + density[j]))
-            push = pressure_factor * (pressure[i] + pressure[j]) - viscosity_factor * friction
-            push *= slope(pairs.one_minus_q[entry])
+        xi, yi, zi = splat(x[i]), splat(y[i]), splat(z[i])
+        ui, vi, wi = splat(u[i]), splat(v[i]), splat(w[i])
+        density_i, pressure_i = splat(density[i]), splat(pressure[i])
+        axi, ayi, azi = zero, zero, zero
+        for first in range(pairs.near_start[k], pairs.near_start[k + 1], LANES):
+            count = pairs.near_start[k + 1] - first
+            dx, dy, dz = (
+                xi - gather(x, near, first),
+                yi - gather(y, near, first),
+                zi - gather(z, near, first),
+            )
+            du, dv, dw = (
+                ui - gather(u, near, first),
+                vi - gather(v, near, first),
+                wi - gather(w, near, first),
+            )
+            push = first_lanes(
+                pair_push(
+                    dx,
+                    dy,
+                    dz,
+                    du,
+                    dv,
+                    dw,
+                    density_i + gather(density, near, first),
+                    pressure_i + gather(pressure, near, first),
+                    inverse_support,
+                    pressure_factor,
+                    viscosity_factor,
+                    separation_floor,
+                ),
+                count,
+            )
             fx, fy, fz = push * dx, push * dy, push * dz
-            ax, ay, az = ax + fx, ay + fy, az + fz
-            acceleration[0, j] -= fx
-            acceleration[1, j] -= fy
-            acceleration[2, j] -= fz
-        acceleration[0, i], acceleration[1, i], acceleration[2, i] = ax, ay, az
+            axi, ayi, azi = axi + fx, ayi + fy, azi + fz
+            scatter(ax, near, first, count, gather(ax, near, first) - fx)
+            scatter(ay, near, first, count, gather(ay, near, first) - fy)
+            scatter(az, near, first, count, gather(az, near, first) - fz)
+        ax[i] += sum_lanes(axi)
+        ay[i] += sum_lanes(ayi)
+        az[i] += sum_lanes(azi)
 
 
 @kernel

@@ -29,6 +29,9 @@ LANES = 16
 
 _VECTOR = ir.VectorType(ir.FloatType(), LANES)
 _INDEX = ir.IntType(32)
+_INDICES = ir.VectorType(_INDEX, LANES)
+_FLOAT_SIZE = 4
+_ALIGNMENT = ir.Constant(_INDEX, _FLOAT_SIZE)
 _CONTRACT = ("contract",)
 
 
@@ -50,9 +53,9 @@ class _VectorModel(PrimitiveModel):  # type: ignore[misc]
 
 def _broadcast(builder: Any, value: Any) -> Any:
     """LLVM idiom for a splat: insert into lane 0, shuffle lane 0 everywhere."""
-    undefined = ir.Constant(_VECTOR, ir.Undefined)
+    undefined = ir.Constant(ir.VectorType(value.type, LANES), ir.Undefined)
     first = builder.insert_element(undefined, value, ir.Constant(_INDEX, 0))
-    lane_zero = ir.Constant(ir.VectorType(_INDEX, LANES), None)
+    lane_zero = ir.Constant(_INDICES, None)
     return builder.shuffle_vector(first, undefined, lane_zero)
 
 
@@ -90,22 +93,51 @@ for _operator, _instruction in (
 
 
 def _row_pointer(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    array = context.make_array(sig.args[0])(context, builder, args[0])
-    offset = builder.mul(args[1], ir.Constant(args[1].type, LANES))
-    return builder.bitcast(builder.gep(array.data, [offset]), _VECTOR.as_pointer())
+    place = builder.mul(args[1], ir.Constant(args[1].type, LANES))
+    return _place_pointer(context, builder, sig.args[0], args[0], place)
+
+
+def _place_pointer(
+    context: Any, builder: Any, array_type: Any, array: Any, place: Any, content: Any = _VECTOR
+) -> Any:
+    """Pointer to 16 values of a C-contiguous array from a place on."""
+    data = context.make_array(array_type)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [place]), content.as_pointer())
+
+
+def _intrinsic_function(builder: Any, name: str, result: Any, arguments: Any) -> Any:
+    """The declaration of an LLVM intrinsic in the module under construction."""
+    known = builder.module.globals.get(name)
+    return known or ir.Function(builder.module, ir.FunctionType(result, arguments), name)
+
+
+def _before(builder: Any, count: Any) -> Any:
+    """Mask of the first `count` lanes."""
+    lanes = ir.Constant(_INDICES, list(range(LANES)))
+    return builder.icmp_signed("<", lanes, _broadcast(builder, builder.trunc(count, _INDEX)))
+
+
+def _listed_pointers(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    """Pointers to the values of an array, args[0], at places listed in args[1] from args[2] on."""
+    data = context.make_array(sig.args[0])(context, builder, args[0]).data
+    places = builder.load(
+        _place_pointer(context, builder, sig.args[1], args[1], args[2], _INDICES), align=4
+    )
+    # llvmlite's getelementptr takes no vector of indices.
+    wide = ir.VectorType(ir.IntType(64), LANES)
+    start = _broadcast(builder, builder.ptrtoint(data, wide.element))
+    offsets = builder.mul(builder.sext(places, wide), ir.Constant(wide, [_FLOAT_SIZE] * LANES))
+    pointers = ir.VectorType(data.type, LANES)
+    return builder.inttoptr(builder.add(start, offsets), pointers)
 
 
 def _llvm_math(name: str) -> Callable[[Any, Any, Any, Any], Any]:
     """Code generator that calls an LLVM vector intrinsic such as ``llvm.sqrt``."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        function_type = ir.FunctionType(_VECTOR, [_VECTOR] * len(args))
         full_name = f"llvm.{name}.v{LANES}f32"
-        return builder.call(
-            builder.module.globals.get(full_name)
-            or ir.Function(builder.module, function_type, full_name),
-            args,
-        )
+        function = _intrinsic_function(builder, full_name, _VECTOR, [_VECTOR] * len(args))
+        return builder.call(function, args)
 
     return generate
 
@@ -143,6 +175,41 @@ if numba.config.DISABLE_JIT:
     def any_less(a: Any, b: Any) -> bool:
         """Whether a < b in any lane."""
         return bool(np.any(a < b))
+
+    def load_from(array: Any, first: int) -> Any:
+        """The 16 values of a float32 array from place `first` on."""
+        return array[first : first + LANES].copy()
+
+    def append_less(
+        a: Any, b: Any, source: Any, first: int, count: int, target: Any, place: int
+    ) -> int:
+        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `place` on.
+
+        Of the lanes, the first `count` are looked at. Returns how many were copied; 16 places
+        of `target` are written over.
+        """
+        chosen = source[first : first + LANES][(a < b) & (np.arange(LANES) < count)]
+        target[place : place + len(chosen)] = chosen
+        return len(chosen)
+
+    def gather(array: Any, places: Any, first: int) -> Any:
+        """Values of a float32 array at the 16 places (int32) listed from `first` on."""
+        return array[places[first : first + LANES]]
+
+    def scatter(array: Any, places: Any, first: int, count: int, value: Any) -> None:
+        """Write the first `count` lanes to the places listed from `first` on, all different."""
+        listed = places[first : first + min(count, LANES)]
+        array[listed] = value[: len(listed)]
+
+    def first_lanes(value: Any, count: int) -> Any:
+        """The value in the first `count` lanes, 0 in the others."""
+        return np.where(np.arange(LANES) < count, value, np.float32(0.0))
+
+    def sum_lanes(value: Any) -> Any:
+        """Sum over the lanes: halves are added until one value is left."""
+        for width in (8, 4, 2, 1):
+            value = value[:width] + value[width : 2 * width]
+        return value[0]
 
 else:
 
@@ -208,3 +275,118 @@ else:
             return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 
         return types.boolean(vector, vector), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def load_from(typingctx: Any, array: Any, first: Any) -> Any:
+        """The 16 values of a float32 array from place `first` on."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return builder.load(_place_pointer(context, builder, sig.args[0], *args), align=4)
+
+        return vector(array, types.intp), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def append_less(
+        typingctx: Any,
+        a: Any,
+        b: Any,
+        source: Any,
+        first: Any,
+        count: Any,
+        target: Any,
+        place: Any,
+    ) -> Any:
+        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `place` on.
+
+        Of the lanes, the first `count` are looked at. Returns how many were copied; 16 places
+        of `target` are written over.
+        """
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            a, b, source, first, count, target, place = args
+            mask = builder.and_(builder.fcmp_ordered("<", a, b), _before(builder, count))
+            values = builder.load(
+                _place_pointer(context, builder, sig.args[2], source, first, _INDICES), align=4
+            )
+            compress = _intrinsic_function(
+                builder,
+                f"llvm.experimental.vector.compress.v{LANES}i32",
+                _INDICES,
+                [_INDICES, mask.type, _INDICES],
+            )
+            packed = builder.call(compress, [values, mask, ir.Constant(_INDICES, ir.Undefined)])
+            builder.store(
+                packed,
+                _place_pointer(context, builder, sig.args[5], target, place, _INDICES),
+                align=4,
+            )
+            chosen = builder.ctpop(builder.bitcast(mask, ir.IntType(LANES)))
+            return builder.zext(chosen, first.type)
+
+        signature_ = types.intp(vector, vector, source, types.intp, types.intp, target, types.intp)
+        return signature_, generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def gather(typingctx: Any, array: Any, places: Any, first: Any) -> Any:
+        """Values of a float32 array at the 16 places (int32) listed from `first` on."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            pointers = _listed_pointers(context, builder, sig, args)
+            mask = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] * LANES)
+            arguments = [pointers, _ALIGNMENT, mask, ir.Constant(_VECTOR, ir.Undefined)]
+            function = _intrinsic_function(
+                builder,
+                f"llvm.masked.gather.v{LANES}f32.v{LANES}p0",
+                _VECTOR,
+                [argument.type for argument in arguments],
+            )
+            return builder.call(function, arguments)
+
+        return vector(array, places, types.intp), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def scatter(typingctx: Any, array: Any, places: Any, first: Any, count: Any, value: Any) -> Any:
+        """Write the first `count` lanes to the places listed from `first` on, all different."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            pointers = _listed_pointers(context, builder, sig, args)
+            arguments = [args[4], pointers, _ALIGNMENT, _before(builder, args[3])]
+            function = _intrinsic_function(
+                builder,
+                f"llvm.masked.scatter.v{LANES}f32.v{LANES}p0",
+                ir.VoidType(),
+                [argument.type for argument in arguments],
+            )
+            builder.call(function, arguments)
+            return context.get_dummy_value()
+
+        return types.void(array, places, types.intp, types.intp, vector), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def first_lanes(typingctx: Any, value: Any, count: Any) -> Any:
+        """The value in the first `count` lanes, 0 in the others."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return builder.select(_before(builder, args[1]), args[0], ir.Constant(_VECTOR, None))
+
+        return vector(vector, types.intp), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def sum_lanes(typingctx: Any, value: Any) -> Any:
+        """Sum over the lanes: halves are added until one value is left."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            total = args[0]
+            for width in (8, 4, 2, 1):
+                low, high = (
+                    builder.shuffle_vector(
+                        total,
+                        total,
+                        ir.Constant(ir.VectorType(_INDEX, width), list(range(at, at + width))),
+                    )
+                    for at in (0, width)
+                )
+                total = builder.fadd(low, high)
+            return builder.extract_element(total, ir.Constant(_INDEX, 0))
+
+        return types.float32(vector), generate

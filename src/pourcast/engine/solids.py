@@ -7,6 +7,7 @@ The closest point is taken on the edges, with the sign from the inside test. A
 largest-half-plane-distance test would treat a sharp corner as a long mitre.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -127,8 +128,20 @@ def signed_distance(x: float, y: float, polygon: int, solids: Any) -> float:
 
 
 @allocating_kernel
-def build_cells(solids: Any, extents: Any, reach: float) -> Any:
-    """List, for each cell of each scene, the polygons within reach of it.
+def _bounding_circles(solids: Any) -> Any:
+    """Centre x, y and radius [m] of a circle around each polygon, shape [polygon_count, 3]."""
+    circles = np.zeros((len(solids.is_goal), 3))
+    for polygon in range(len(circles)):
+        corners = solids.vertices[solids.polygon_start[polygon] : solids.polygon_start[polygon + 1]]
+        x, y = corners[:, 0].mean(), corners[:, 1].mean()
+        radius = np.hypot(corners[:, 0] - x, corners[:, 1] - y).max()
+        circles[polygon, 0], circles[polygon, 1], circles[polygon, 2] = x, y, radius
+    return circles
+
+
+@allocating_kernel
+def build_cells(solids: Any, extents: Any, reach: float, begin: int, end: int) -> Any:
+    """List, for each cell of some scenes, the polygons within reach of it.
 
     Parameters
     ----------
@@ -138,27 +151,36 @@ def build_cells(solids: Any, extents: Any, reach: float) -> Any:
         Width and height of each scene's box [m], shape [scene_count, 2].
     reach
         Largest distance [m] at which a polygon matters.
+    begin, end
+        Scenes ``begin:end`` are looked at.
 
     Returns
     -------
     inverse_size, start, polygons, clearance
-        The fields of `Cells`.
+        The fields of `Cells` for these scenes.
     """
-    scene_count = len(solids.scene_start) - 1
+    scene_count = end - begin
     inverse_size = np.empty((scene_count, 2))
     start = np.zeros(scene_count * CELLS_X * CELLS_Y + 1, dtype=np.int64)
     clearance = np.empty(scene_count * CELLS_X * CELLS_Y)
     found = [np.int64(0) for _ in range(0)]
+    circles = _bounding_circles(solids)
     cell = 0
-    for scene in range(scene_count):
+    for scene in range(begin, end):
         size_x, size_y = extents[scene, 0] / CELLS_X, extents[scene, 1] / CELLS_Y
-        inverse_size[scene, 0], inverse_size[scene, 1] = 1.0 / size_x, 1.0 / size_y
+        inverse_size[scene - begin, 0], inverse_size[scene - begin, 1] = 1.0 / size_x, 1.0 / size_y
         half_diagonal = 0.5 * np.sqrt(size_x * size_x + size_y * size_y)
         for row in range(CELLS_Y):
+            nearest = np.inf
             for column in range(CELLS_X):
                 x, y = (column + 0.5) * size_x, (row + 0.5) * size_y
+                # No farther than from the cell before, and the way from there to here.
+                limit = max(nearest + 1.001 * size_x, reach + half_diagonal)
                 nearest = np.inf
                 for polygon in range(solids.scene_start[scene], solids.scene_start[scene + 1]):
+                    dx, dy = x - circles[polygon, 0], y - circles[polygon, 1]
+                    if dx * dx + dy * dy > (limit + circles[polygon, 2]) ** 2:
+                        continue
                     distance = signed_distance(x, y, polygon, solids)
                     nearest = min(nearest, distance)
                     if distance <= reach + half_diagonal:
@@ -170,6 +192,18 @@ def build_cells(solids: Any, extents: Any, reach: float) -> Any:
     for k in range(len(found)):
         polygons[k] = found[k]
     return inverse_size, start, polygons, clearance
+
+
+def join_cells(shares: Sequence[Cells]) -> Cells:
+    """Cells of all scenes from those of some of them at a time, in order."""
+    offsets = np.cumsum([0] + [len(share.polygons) for share in shares])
+    starts = [share.start[:-1] + at for share, at in zip(shares, offsets[:-1], strict=True)]
+    return Cells(
+        inverse_size=np.concatenate([share.inverse_size for share in shares]),
+        start=np.concatenate([*starts, offsets[-1:]]),
+        polygons=np.concatenate([share.polygons for share in shares]),
+        clearance=np.concatenate([share.clearance for share in shares]),
+    )
 
 
 @kernel

@@ -92,13 +92,29 @@ def finish_density(state: Any, lanes: Any) -> None:
 
 
 @kernel
+def pair_push(
+    dx: Any, dy: Any, dz: Any, du: Any, dv: Any, dw: Any, densities: Any, pressures: Any,
+    inverse_support: Any, pressure_factor: Any, viscosity_factor: Any, separation_floor: Any,
+) -> Any:  # fmt: skip
+    """Acceleration of a particle by another, over the vector from the other to it.
+
+    From that vector, the relative velocity and the sums of the two densities and pressures.
+    """
+    zero = splat(0.0)
+    r2 = dx * dx + dy * dy + dz * dz
+    approach = minimum(du * dx + dv * dy + dw * dz, zero)
+    friction = approach / ((r2 + separation_floor) * densities)
+    push = pressure_factor * pressures - viscosity_factor * friction
+    return push * slope(one_minus_q(r2, inverse_support, zero))
+
+
+@kernel
 def add_pair_forces(state: Any, lanes: Any) -> None:
     """Pressure and artificial viscosity over all pairs of 16 simulations in lockstep."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     u, v, w = state.velocity[0], state.velocity[1], state.velocity[2]
     ax, ay, az = state.acceleration[0], state.acceleration[1], state.acceleration[2]
     density, pressure = state.density, state.pressure
-    zero = splat(0.0)
     inverse_support = load(lanes.inverse_support, 0)
     pressure_factor = load(lanes.pressure_factor, 0)
     viscosity_factor = load(lanes.viscosity_factor, 0)
@@ -110,12 +126,12 @@ def add_pair_forces(state: Any, lanes: Any) -> None:
         axi, ayi, azi = load(ax, i), load(ay, i), load(az, i)
         for j in range(i):
             dx, dy, dz = xi - load(x, j), yi - load(y, j), zi - load(z, j)
-            r2 = dx * dx + dy * dy + dz * dz
             du, dv, dw = ui - load(u, j), vi - load(v, j), wi - load(w, j)
-            approach = minimum(du * dx + dv * dy + dw * dz, zero)
-            friction = approach / ((r2 + separation_floor) * (density_i + load(density, j)))
-            push = pressure_factor * (pressure_i + load(pressure, j)) - viscosity_factor * friction
-            push = push * slope(one_minus_q(r2, inverse_support, zero))
+            push = pair_push(
+                dx, dy, dz, du, dv, dw,
+                density_i + load(density, j), pressure_i + load(pressure, j),
+                inverse_support, pressure_factor, viscosity_factor, separation_floor,
+            )  # fmt: skip
             fx, fy, fz = push * dx, push * dy, push * dz
             axi, ayi, azi = axi + fx, ayi + fy, azi + fz
             store(ax, j, load(ax, j) - fx)
