@@ -179,11 +179,8 @@ def _append_near(
 def add_listed_density(state: Any, lanes: Any, pairs: Any) -> None:
     """Kernel sum over the listed pairs; notes which of them are near."""
     size = state.density.size
-    x, y, z = (
-        state.position[0].reshape(size),
-        state.position[1].reshape(size),
-        state.position[2].reshape(size),
-    )
+    position = state.position.reshape(3, size)
+    x, y, z = position[0], position[1], position[2]
     density = state.density.reshape(size)
     inverse_support, zero = load(lanes.inverse_support, 0), splat(0.0)
     squared_support = 1.0 / (inverse_support * inverse_support)
@@ -215,27 +212,16 @@ def add_listed_density(state: Any, lanes: Any, pairs: Any) -> None:
 def add_listed_forces(state: Any, lanes: Any, pairs: Any) -> None:
     """Pressure and artificial viscosity over the near pairs."""
     size = state.density.size
-    x, y, z = (
-        state.position[0].reshape(size),
-        state.position[1].reshape(size),
-        state.position[2].reshape(size),
-    )
-    u, v, w = (
-        state.velocity[0].reshape(size),
-        state.velocity[1].reshape(size),
-        state.velocity[2].reshape(size),
-    )
-    ax, ay, az = (
-        state.acceleration[0].reshape(size),
-        state.acceleration[1].reshape(size),
-        state.acceleration[2].reshape(size),
-    )
+    position = state.position.reshape(3, size)
+    x, y, z = position[0], position[1], position[2]
+    velocity = state.velocity.reshape(3, size)
+    u, v, w = velocity[0], velocity[1], velocity[2]
+    acceleration = state.acceleration.reshape(3, size)
+    ax, ay, az = acceleration[0], acceleration[1], acceleration[2]
     density, pressure = state.density.reshape(size), state.pressure.reshape(size)
     zero, inverse_support = splat(0.0), load(lanes.inverse_support, 0)
-    pressure_factor, viscosity_factor = (
-        load(lanes.pressure_factor, 0),
-        load(lanes.viscosity_factor, 0),
-    )
+    pressure_factor = load(lanes.pressure_factor, 0)
+    viscosity_factor = load(lanes.viscosity_factor, 0)
     separation_floor = load(lanes.separation_floor, 0)
     near = pairs.near_partner
     for k in range(len(pairs.order)):
@@ -256,23 +242,13 @@ def add_listed_forces(state: Any, lanes: Any, pairs: Any) -> None:
                 vi - gather(v, near, first),
                 wi - gather(w, near, first),
             )
-            push = first_lanes(
-                pair_push(
-                    dx,
-                    dy,
-                    dz,
-                    du,
-                    dv,
-                    dw,
-                    density_i + gather(density, near, first),
-                    pressure_i + gather(pressure, near, first),
-                    inverse_support,
-                    pressure_factor,
-                    viscosity_factor,
-                    separation_floor,
-                ),
-                count,
-            )
+            densities = density_i + gather(density, near, first)
+            pressures = pressure_i + gather(pressure, near, first)
+            push = pair_push(
+                dx, dy, dz, du, dv, dw, densities, pressures,
+                inverse_support, pressure_factor, viscosity_factor, separation_floor,
+            )  # fmt: skip
+            push = first_lanes(push, count)
             fx, fy, fz = push * dx, push * dy, push * dz
             axi, ayi, azi = axi + fx, ayi + fy, azi + fz
             scatter(ax, near, first, count, gather(ax, near, first) - fx)

@@ -185,8 +185,8 @@ if numba.config.DISABLE_JIT:
     ) -> int:
         """Copy ``source[first + lane]`` (int32) where a < b to `target` from `place` on.
 
-        Of the lanes, the first `count` are looked at. Returns how many were copied; 16 places
-        of `target` are written over.
+        Of the lanes, the first `count` are looked at. Returns how many were copied. `target` must
+        have 16 places from `place` on; those that nothing is copied to may become 0.
         """
         chosen = source[first : first + LANES][(a < b) & (np.arange(LANES) < count)]
         target[place : place + len(chosen)] = chosen
@@ -298,8 +298,8 @@ else:
     ) -> Any:
         """Copy ``source[first + lane]`` (int32) where a < b to `target` from `place` on.
 
-        Of the lanes, the first `count` are looked at. Returns how many were copied; 16 places
-        of `target` are written over.
+        Of the lanes, the first `count` are looked at. Returns how many were copied. `target` must
+        have 16 places from `place` on; those that nothing is copied to may become 0.
         """
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -314,7 +314,7 @@ else:
                 _INDICES,
                 [_INDICES, mask.type, _INDICES],
             )
-            packed = builder.call(compress, [values, mask, ir.Constant(_INDICES, ir.Undefined)])
+            packed = builder.call(compress, [values, mask, ir.Constant(_INDICES, None)])
             builder.store(
                 packed,
                 _place_pointer(context, builder, sig.args[5], target, place, _INDICES),
@@ -323,8 +323,10 @@ else:
             chosen = builder.ctpop(builder.bitcast(mask, ir.IntType(LANES)))
             return builder.zext(chosen, first.type)
 
-        signature_ = types.intp(vector, vector, source, types.intp, types.intp, target, types.intp)
-        return signature_, generate
+        place_type = types.intp
+        return place_type(
+            vector, vector, source, place_type, place_type, target, place_type
+        ), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
     def gather(typingctx: Any, array: Any, places: Any, first: Any) -> Any:
