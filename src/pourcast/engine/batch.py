@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pourcast.engine import neighbours, rigid, sph
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN
 from pourcast.engine.kernel import GRADIENT_FACTOR
-from pourcast.engine.simd import LANES
+from pourcast.engine.simd import LANES, flush_denormals
 from pourcast.engine.solids import Cells, Solids, build_cells, join_cells
 from pourcast.engine.state import Lanes, State, empty_lanes, empty_state
 
@@ -216,7 +216,7 @@ def run_batch(
                 if on_done is not None:
                     on_done(index, result)
 
-    with ThreadPoolExecutor(worker_count) as pool:
+    with ThreadPoolExecutor(worker_count, initializer=flush_denormals) as pool:
         try:
             cells = _cells_of(jobs, solids, pool, worker_count)
             for future in [pool.submit(work, cells) for _ in range(worker_count)]:

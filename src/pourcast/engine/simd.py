@@ -12,6 +12,7 @@ that kernels can be stepped through and measured for coverage.
 """
 
 import operator
+import platform
 from collections.abc import Callable
 from typing import Any
 
@@ -24,6 +25,8 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic
 
+from pourcast.engine.compile import kernel
+
 LANES = 16
 """Values in a vector; the last axis of every state array."""
 
@@ -33,6 +36,8 @@ _INDICES = ir.VectorType(_INDEX, LANES)
 _FLOAT_SIZE = 4
 _ALIGNMENT = ir.Constant(_INDEX, _FLOAT_SIZE)
 _CONTRACT = ("contract",)
+_MXCSR_FTZ_DAZ = 0x8040
+_FPCR_FZ = 1 << 24
 
 
 class VectorType(types.Type):
@@ -176,6 +181,9 @@ if numba.config.DISABLE_JIT:
         """Whether a < b in any lane."""
         return bool(np.any(a < b))
 
+    def _set_flush_mode() -> None:
+        """NumPy's mode is not ours to set."""
+
     def load_from(array: Any, first: int) -> Any:
         """The 16 values of a float32 array from place `first` on."""
         return array[first : first + LANES].copy()
@@ -275,6 +283,34 @@ else:
             return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 
         return types.boolean(vector, vector), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def _set_flush_mode(typingctx: Any) -> Any:
+        """Set the calling thread's flush-to-zero and denormals-are-zero bits, where known."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            if platform.machine() in ("x86_64", "AMD64"):
+                slot = builder.alloca(_INDEX)
+                pointer = builder.bitcast(slot, ir.IntType(8).as_pointer())
+                read, write = (
+                    _intrinsic_function(
+                        builder, f"llvm.x86.sse.{name}mxcsr", ir.VoidType(), [pointer.type]
+                    )
+                    for name in ("st", "ld")
+                )
+                builder.call(read, [pointer])
+                mode = builder.or_(builder.load(slot), ir.Constant(_INDEX, _MXCSR_FTZ_DAZ))
+                builder.store(mode, slot)
+                builder.call(write, [pointer])
+            elif platform.machine() in ("aarch64", "arm64"):
+                word = ir.IntType(64)
+                mode = builder.asm(ir.FunctionType(word, []), "mrs $0, fpcr", "=r", [], True)
+                mode = builder.or_(mode, ir.Constant(word, _FPCR_FZ))
+                write = ir.FunctionType(ir.VoidType(), [word])
+                builder.asm(write, "msr fpcr, $0", "r", [mode], True)
+            return context.get_dummy_value()
+
+        return types.void(), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
     def load_from(typingctx: Any, array: Any, first: Any) -> Any:
@@ -392,3 +428,14 @@ else:
             return builder.extract_element(total, ir.Constant(_INDEX, 0))
 
         return types.float32(vector), generate
+
+
+@kernel
+def flush_denormals() -> None:
+    """Let the calling thread take numbers below 1.2e-38 for 0, where the processor can.
+
+    On Intel's processors each operation on such a number costs a hundred others, and a
+    liquid that comes to rest is full of them. It also makes results independent of
+    the mode that the host program, or a library in it, has set.
+    """
+    _set_flush_mode()
