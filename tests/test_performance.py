@@ -91,7 +91,7 @@ def test_bits_depend_neither_on_company_nor_order_nor_threads():
 
 
 def test_a_speed_too_small_for_a_normal_number_is_none():
-    # Denormal numbers cost Intel's processors a hundred operations each.
+    # Denormal numbers are slow on Intel's processors.
     place = np.array([[0.5, 0.7, 0.07]])
     tiny = np.full((1, 3), 1e-39, np.float32)
     for kind in ("liquid", "marbles"):

@@ -434,8 +434,8 @@ else:
 def flush_denormals() -> None:
     """Let the calling thread take numbers below 1.2e-38 for 0, where the processor can.
 
-    On Intel's processors each operation on such a number costs a hundred others, and a
-    liquid that comes to rest is full of them. It also makes results independent of
-    the mode that the host program, or a library in it, has set.
+    On Intel's processors such numbers are slow, and a liquid that comes to rest is full of
+    them: honey took three times as long. It also makes results independent of the mode
+    that the host program, or a library in it (JAX, Taichi), has set.
     """
     _set_flush_mode()
