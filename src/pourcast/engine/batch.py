@@ -124,7 +124,7 @@ class _Block:
     jobs: dict[int, int] = field(default_factory=dict)
     """Lane -> index of the job in it."""
     duration: NDArray[np.float64] = field(default_factory=_lane_values)
-    """Cap on each lane's simulated time [s]; endless in an empty lane."""
+    """Cap on each lane's simulated time [s]; void in an empty lane, as are those below."""
     decided_below: NDArray[np.float64] = field(default_factory=_lane_values)
     """Head [m] below which each lane's outcome is decided."""
     frames_done: NDArray[np.int64] = field(default_factory=_lane_counts)
@@ -330,10 +330,9 @@ def _finished(block: _Block, stepping: Stepping, *, large: bool) -> list[tuple[i
     time = block.frames_done * stepping.frame
     over = settled | (time >= block.duration - 1e-9) | ~np.isfinite(speed)
     done = []
-    for lane in np.flatnonzero(over).tolist():
-        if lane not in block.jobs:
+    for lane, index in list(block.jobs.items()):
+        if not over[lane]:
             continue
-        index = block.jobs[lane]
         if not np.isfinite(speed[lane]):
             raise SimulationDivergedError(
                 f"simulation {index} diverged: the time step {stepping.step:g} s is too long"
