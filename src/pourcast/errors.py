@@ -1,4 +1,4 @@
-"""The error for bad input, which the command line shows as one line."""
+"""Errors that the command line shows as one line."""
 
 
 class InputError(ValueError):
@@ -6,4 +6,11 @@ class InputError(ValueError):
 
     The message is one line that names the file or option, the field, and what
     was expected. The command line prints it and exits with status 2.
+    """
+
+
+class StoreError(RuntimeError):
+    """Results can't be kept or read: the disk is full, read-only or gone.
+
+    The message is one line. The command line prints it and exits with status 1.
     """

@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -10,13 +10,16 @@ from pourcast.errors import InputError
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, name: Callable[[Path], str] | None = None) -> Iterator[Path]:
     """Hand out a temporary name beside `path`, and rename it to `path` at the end.
 
     Parameters
     ----------
     path
         The file to write. Missing parent folders are made.
+    name
+        Gives the file its final name, in place of the last part of `path`, once
+        all is written; called with the temporary file.
 
     Yields
     ------
@@ -33,13 +36,13 @@ def replacing(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_dir():
             raise IsADirectoryError("it is a folder")
-        handle, name = tempfile.mkstemp(
+        handle, temporary_name = tempfile.mkstemp(
             prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent
         )
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
     os.close(handle)
-    temporary = Path(name)
+    temporary = Path(temporary_name)
     try:
         yield temporary
         with temporary.open("rb+") as stream:
@@ -47,7 +50,7 @@ def replacing(path: Path) -> Iterator[Path]:
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
+        temporary.replace(path if name is None else path.with_name(name(temporary)))
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.resources import files
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,10 @@ class Model(ABC):
         If a parameter is out of its range.
     """
 
+    seconds_per_judgment: ClassVar[float] = 0.01
+    """Rough time of a judgment on one core [s]; sweeps size their pieces of work by it.
+    Of no account for a `SimulationModel`, whose pours are counted."""
+
     def __post_init__(self) -> None:
         for entry in fields(self):
             _check(type(self).__name__, entry.name, getattr(self, entry.name), entry.metadata)
@@ -115,7 +119,7 @@ class Model(ABC):
 def _check(owner: str, name: str, value: Any, rules: typing.Mapping[str, Any]) -> None:
     choices = rules.get("choices")
     if choices is not None and value not in choices:
-        raise InputError(f"{owner}: {name}: {_unknown(str(value), choices)}")
+        raise InputError(f"{owner}: {name}: {unknown(str(value), choices)}")
     low, high = rules.get("low"), rules.get("high")
     if value is None or isinstance(value, str):
         return
@@ -128,7 +132,8 @@ def _check(owner: str, name: str, value: Any, rules: typing.Mapping[str, Any]) -
         raise InputError(f"{owner}: {name}: expected {low:g} to {high:g}{unit}, found {value:g}")
 
 
-def _unknown(name: str, known: Iterable[str]) -> str:
+def unknown(name: str, known: Iterable[str]) -> str:
+    """Half a sentence about a name that is not known: the nearest one, and all of them."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
     hint = f"did you mean {close[0]!r}? " if close else ""
@@ -146,7 +151,7 @@ def resolve_liquid(name: str, scene: Scene) -> Liquid:
     if name == "honey":
         return HONEY_EXP1 if scene.goal.kind == "basins" else HONEY_EXP2
     if name not in LIQUIDS:
-        raise InputError(f"liquid: {_unknown(name, LIQUID_NAMES)}")
+        raise InputError(f"liquid: {unknown(name, LIQUID_NAMES)}")
     return LIQUIDS[name]
 
 
@@ -177,6 +182,10 @@ def zeta_window(damping_zeta: float, zeta_sigma: int) -> list[float]:
 
 class SimulationModel(Model):
     """A model that judges by running pours and averaging what they say."""
+
+    same_pours_everywhere: ClassVar[bool] = False
+    """Whether `pours` gives the same pours in all scenes with one kind of goal, and
+    with any seed, so that sweeps can share them between models."""
 
     @abstractmethod
     def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
@@ -292,22 +301,38 @@ def make_model(spec: str) -> Model:
     """
     name, _, assignments = spec.strip().partition(":")
     if name not in model_names():
-        raise InputError(f"model: {_unknown(name, model_names())}")
+        raise InputError(f"model: {unknown(name, model_names())}")
     values: dict[str, Any] = dict(presets().get(name, {}).get("parameters", {}))
     found = model_class(presets()[name]["model"] if name in presets() else name)
-    types = typing.get_type_hints(found)
-    known = [entry.name for entry in fields(found)]
     for assignment in filter(None, assignments.split(",")):
         key, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals:
             raise InputError(f"model {name!r}: expected parameter=value, found {assignment!r}")
-        if key not in known:
-            raise InputError(f"model {name!r}: parameter: {_unknown(key, known)}")
-        values[key] = _parse(name, key, text, types[key])
+        values[key] = parse_parameter(name, found, key, text)
     return found(**values)
 
 
-def _parse(model: str, key: str, text: str, wanted: Any) -> Any:
+def parse_parameter(model: str, found: type[Model], key: str, text: str) -> Any:
+    """Value of a model's parameter from its text.
+
+    Parameters
+    ----------
+    model
+        Name of the model, for error messages.
+    found
+        Its class.
+    key, text
+        Name and value of the parameter; ``none`` for no value.
+
+    Raises
+    ------
+    InputError
+        If there is no such parameter, or the text is of the wrong kind.
+    """
+    known = [entry.name for entry in fields(found)]
+    if key not in known:
+        raise InputError(f"model {model!r}: parameter: {unknown(key, known)}")
+    wanted = typing.get_type_hints(found)[key]
     options = typing.get_args(wanted) or (wanted,)
     if type(None) in options and text.lower() == "none":
         return None

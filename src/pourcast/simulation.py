@@ -7,12 +7,15 @@ import threading
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.engine.batch import Job, Result, Stepping, run_batch
+from pourcast.engine.compile import digest_of_sources
 from pourcast.engine.contact import TOUCH_SKIN
 from pourcast.engine.packing import (
     SUPPORT_IN_SPACINGS,
@@ -30,8 +33,22 @@ GRAVITY = 9.81
 
 MAX_PARTICLES = 2000
 
+Kind = Literal["liquid", "marbles"]
+"""SPH liquid, or rigid spheres."""
+
 Progress = Callable[[int, int], None]
 """Called with the number of simulations done and the number in all."""
+
+
+@cache
+def engine_version() -> str:
+    """Name of the state of all code that a pour's outcome depends on.
+
+    Results of two versions must not be mixed; that of a release never changes.
+    """
+    package = Path(__file__).parent
+    files = ("simulation.py", "scene.py", "liquid.py")
+    return digest_of_sources([*package.glob("engine/*.py"), *(package / name for name in files)])
 
 
 @dataclass(frozen=True)
@@ -69,7 +86,7 @@ class EngineSettings:
     frame_rate: float = 30.0
     max_duration: float = 10.0
 
-    def stepping(self, kind: str, spacing: float, viscosity_alpha: float) -> Stepping:
+    def stepping(self, kind: Kind, spacing: float, viscosity_alpha: float) -> Stepping:
         """Step and number of steps a frame for particles of a given spacing [m]."""
         step = self.marble_step
         if kind == "liquid":
@@ -78,6 +95,11 @@ class EngineSettings:
             step = min(self.step, self.courant * smoothing_length / signal_speed)
         steps = int(np.ceil(1.0 / (self.frame_rate * step) - 1e-9))
         return Stepping(step=1.0 / (self.frame_rate * steps), steps_per_frame=steps)
+
+
+def spacing_in(scene: Scene, n_particles: int) -> float:
+    """Particle spacing [m] of a scene's liquid."""
+    return spacing_of(n_particles, scene.liquid.diameter / 2, scene.box.depth)
 
 
 @dataclass(frozen=True)
@@ -105,13 +127,12 @@ class Pour:
     n_particles: int = 50
     damping_zeta: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
-    kind: Literal["liquid", "marbles"] = "liquid"
+    kind: Kind = "liquid"
 
     @property
     def spacing(self) -> float:
         """Particle spacing [m]."""
-        start = self.scene.liquid
-        return spacing_of(self.n_particles, start.diameter / 2, self.scene.box.depth)
+        return spacing_in(self.scene, self.n_particles)
 
 
 @dataclass(frozen=True)
@@ -169,7 +190,7 @@ def simulate(
         If a number of particles is out of range.
     """
     settings = settings or EngineSettings()
-    groups: dict[tuple[str, int, Stepping], list[int]] = defaultdict(list)
+    groups: dict[tuple[Kind, int, Stepping], list[int]] = defaultdict(list)
     for index, pour in enumerate(pours):
         if not 1 <= pour.n_particles <= MAX_PARTICLES:
             raise InputError(
@@ -195,7 +216,7 @@ def simulate(
             jobs,
             solids,
             stepping,
-            kind="marbles" if kind == "marbles" else "liquid",
+            kind=kind,
             record=record,
             threads=threads,
             on_done=count_one,

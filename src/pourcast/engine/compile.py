@@ -3,7 +3,7 @@
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,6 +12,14 @@ import numba
 import platformdirs
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+def digest_of_sources(paths: Iterable[Path]) -> str:
+    """Short name of a state of source files."""
+    digest = hashlib.sha256()
+    for path in sorted(paths):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 @cache
@@ -23,12 +31,10 @@ def kernel_cache_dir() -> Path:
     rules stale machine code out. `NUMBA_CACHE_DIR` is honoured as the parent;
     where no cache folder can be written, a private temporary one serves.
     """
-    digest = hashlib.sha256()
     package = Path(__file__).parents[1]
-    for source in sorted([*package.glob("engine/*.py"), *package.glob("models/*.py")]):
-        digest.update(source.name.encode() + source.read_bytes())
+    digest = digest_of_sources([*package.glob("engine/*.py"), *package.glob("models/*.py")])
     parent = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("pourcast")
-    folder = Path(parent) / f"kernels-{digest.hexdigest()[:12]}"
+    folder = Path(parent) / f"kernels-{digest}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         writable = os.access(folder, os.W_OK)

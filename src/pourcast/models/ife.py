@@ -22,6 +22,8 @@ class IntuitiveFluidsEngine(SimulationModel):
     many particles it is the paper's ground truth.
     """
 
+    same_pours_everywhere = True
+
     n_particles: int = parameter(
         50, low=1, high=MAX_PARTICLES, doc="number of particles N (paper: 15 to 100)"
     )

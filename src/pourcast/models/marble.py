@@ -17,6 +17,8 @@ class MarbleSim(SimulationModel):
     Bates et al., section "Alternative models".
     """
 
+    same_pours_everywhere = True
+
     n_particles: int = parameter(
         25, low=1, high=MAX_MARBLES, doc="number of marbles N (paper: 15 to 100)"
     )

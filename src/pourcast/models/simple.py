@@ -36,6 +36,8 @@ class SimpleSim(Model):
     and without momentum.
     """
 
+    seconds_per_judgment = 0.003
+
     g: float = parameter(
         0.1, low=0, high=1, doc="probability, once an obstacle, of setting off the wrong way"
     )

@@ -1,0 +1,148 @@
+"""Commands that let models judge, list them and time them: demo, predict, models, bench."""
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pourcast.cli.app import app
+from pourcast.cli.options import (
+    JsonOption,
+    LiquidName,
+    LiquidOption,
+    ModelOption,
+    ScenesArgument,
+    SeedOption,
+)
+from pourcast.cli.terminal import print_json, print_table, progress_bar
+
+
+class Plan(StrEnum):
+    """Grids of simulations whose time can be told."""
+
+    PAPER = "paper"
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("--output", "-o", help="Folder to write to.")] = Path("demo"),
+    as_json: JsonOption = False,
+) -> None:
+    """Watch a pour, and read what every model says about it; takes under a minute.
+
+    Example: pourcast demo -o demo
+    """
+    from pourcast.demo import run_demo
+
+    with progress_bar() as report:
+        result = run_demo(out, report)
+    if as_json:
+        files = {str(path): meaning for path, meaning in result.files.items()}
+        print_json({"judgments": result.table.to_dict(), "files": files})
+        return
+    print_table(result.table)
+    typer.echo("\nJudgments: share of the liquid in the right basin (exp1), in the cup (exp2).")
+    for path, meaning in result.files.items():
+        typer.echo(f"{path}  {meaning}")
+
+
+@app.command()
+def predict(
+    scenes: ScenesArgument,
+    model: ModelOption = None,
+    liquid: LiquidOption = LiquidName.WATER,
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Table to write (.csv or .parquet).")
+    ] = None,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Let models judge scenes: one row per scene and model, every judgment in 0..1.
+
+    Example: pourcast predict scenes.json -m water-ife -m gravity -m truth-water -o judgments.csv
+    """
+    from pourcast.files import check_writable
+    from pourcast.judgments import check_table_path, summarise, write_table
+    from pourcast.judgments import predict as predict_scenes
+    from pourcast.study import load_scenes
+
+    loaded = load_scenes(scenes)
+    if out is not None:
+        check_table_path(out)
+        check_writable(out)
+    with progress_bar() as report:
+        table = predict_scenes(loaded, model or ["water-ife"], liquid.value, seed, report=report)
+    if out is not None:
+        write_table(out, table)
+    if as_json:
+        print_json(json.loads(table.to_json(orient="records")))
+        return
+    if len(loaded) <= 10:
+        wide = table.pivot(index="scene", columns="model", values="judgment")
+        print_table(wide[list(dict.fromkeys(table["model"]))])
+        typer.echo()
+    print_table(summarise(table))
+    if out is not None:
+        typer.echo(f"\n{out}: {len(table)} judgments")
+
+
+@app.command()
+def bench(
+    n_particles: Annotated[
+        list[int] | None, typer.Option("-N", min=1, max=300, help="Number of particles; several.")
+    ] = None,
+    plan: Annotated[
+        Plan | None, typer.Option(help="Instead: how long a grid of simulations takes here.")
+    ] = None,
+    share: Annotated[
+        float, typer.Option(min=0.001, max=1.0, help="Share of the plan that is run for it.")
+    ] = 0.05,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure how fast this machine simulates: ratios first, simulations of 4 s per second second.
+
+    Example: pourcast bench --plan paper
+    """
+    from pourcast.bench import COUNTS, paper_grid, plan_table, speed_table
+
+    with progress_bar() as report:
+        if plan is None:
+            table = speed_table(n_particles or COUNTS, report)
+        else:
+            table = plan_table(paper_grid(), share, seed, report)
+    if as_json:
+        print_json(json.loads(table.reset_index().to_json(orient="records")))
+        return
+    print_table(table.reset_index().set_index(table.index.names[0]))
+    if plan is not None:
+        typer.echo(
+            f"\n{table['simulations'].sum()} simulations: {table['minutes'].sum():.0f} minutes "
+            f"on this machine (measured on {table['run'].sum()} of them)"
+        )
+
+
+@app.command()
+def models(as_json: JsonOption = False) -> None:
+    """List the models, their parameters and ranges.
+
+    Example: pourcast models
+    """
+    import pandas as pd
+
+    from pourcast.model import family_names, parameter_table, presets, third_party
+
+    if as_json:
+        listed = {name: parameter_table(name) for name in (*family_names(), *third_party())}
+        print_json({"presets": presets(), "models": listed})
+        return
+    rows = {name: [entry["model"], entry["source"]] for name, entry in presets().items()}
+    frame = pd.DataFrame.from_dict(rows, orient="index", columns=["model", "what it is"])
+    frame.index.name = "preset"
+    print_table(frame)
+    for name in (*family_names(), *third_party()):
+        typer.echo(f"\n{name}")
+        parameters = pd.DataFrame(parameter_table(name)).set_index("parameter")
+        print_table(parameters)

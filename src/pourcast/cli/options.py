@@ -1,0 +1,31 @@
+"""Arguments and options that several commands share."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class LiquidName(StrEnum):
+    """Liquids that a trial can show."""
+
+    WATER = "water"
+    HONEY = "honey"
+    HONEY_EXP1 = "honey-exp1"
+    HONEY_EXP2 = "honey-exp2"
+
+
+ScenesArgument = Annotated[
+    Path, typer.Argument(metavar="SCENES", help="A scene file, or a study folder.")
+]
+ModelOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--model", "-m", metavar="NAME[:parameter=value,...]",
+        help="A model; may be given several times. `pourcast models` lists them.",
+    ),
+]  # fmt: skip
+LiquidOption = Annotated[LiquidName, typer.Option(help="Liquid shown in the trials.")]
+SeedOption = Annotated[int, typer.Option(min=0, help="Source of all randomness.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]

@@ -1,0 +1,193 @@
+"""Commands that make scenes and show them: scenes, new, import, export, show."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pourcast.cli.app import app
+from pourcast.cli.options import (
+    JsonOption,
+    LiquidName,
+    LiquidOption,
+    ModelOption,
+    ScenesArgument,
+    SeedOption,
+)
+from pourcast.cli.terminal import print_json, progress_bar
+
+
+class Experiment(StrEnum):
+    """The paper's two kinds of scene."""
+
+    EXP1 = "exp1"
+    EXP2 = "exp2"
+
+
+class ForeignFormat(StrEnum):
+    """Formats of scenes made elsewhere."""
+
+    SVG = "svg"
+    PLINKO = "plinko"
+    SPLISHSPLASH = "splishsplash"
+
+
+CandidatesOption = Annotated[
+    int, typer.Option(min=1, help="exp2: size of the pool that the scenes are chosen from.")
+]
+
+
+@app.command()
+def scenes(
+    experiment: Annotated[Experiment, typer.Argument(help="exp1: basins; exp2: cup.")],
+    out: Annotated[Path, typer.Option("--output", "-o", help="Scene file to write (.json).")],
+    count: Annotated[
+        int | None, typer.Option("-n", "--scenes", min=1, help="How many [120 or 60].")
+    ] = None,
+    seed: SeedOption = 0,
+    candidates: CandidatesOption = 1000,
+    as_json: JsonOption = False,
+) -> None:
+    """Generate scenes: drawn at random, filtered by simulation, for exp2 chosen for contrast.
+
+    Example: pourcast scenes exp1 -n 120 --seed 1 -o scenes.json
+    """
+    from pourcast.files import check_writable
+    from pourcast.scene import write_scenes
+    from pourcast.study import DEFAULT_SCENES, SceneRequest, generate_scenes
+
+    wanted = count or DEFAULT_SCENES[experiment.value]
+    request = SceneRequest(experiment.value, wanted, seed, candidates)
+    check_writable(out)
+    with progress_bar() as report:
+        selection = generate_scenes(request, report)
+    write_scenes(out, selection.scenes)
+    _print_selection(selection, out, as_json=as_json)
+
+
+def _print_selection(selection: Any, path: Path, *, as_json: bool) -> None:
+    facts = {
+        "file": str(path),
+        "scenes": len(selection.scenes),
+        "drawn": selection.drawn,
+        "kept": selection.kept,
+        "acceptance": selection.kept / selection.drawn,
+        "correlation": selection.correlation,
+        "pool_correlation": selection.pool_correlation,
+    }
+    if as_json:
+        print_json(facts)
+        return
+    typer.echo(
+        f"{path}: {facts['scenes']} scenes; the filter kept {selection.kept} of {selection.drawn} "
+        f"draws ({100 * selection.kept / selection.drawn:.0f} %)"
+    )
+    if selection.correlation is not None:
+        typer.echo(
+            f"correlation of water-ife and honey-ife-1: {selection.correlation:+.2f} over the "
+            f"chosen scenes ({selection.pool_correlation:+.2f} over all candidates)"
+        )
+
+
+@app.command()
+def new(
+    experiment: Annotated[Experiment, typer.Argument(help="exp1: basins; exp2: cup.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make.")],
+    count: Annotated[
+        int | None, typer.Option("-n", "--scenes", min=1, help="How many [120 or 60].")
+    ] = None,
+    seed: SeedOption = 0,
+    candidates: CandidatesOption = 1000,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a study folder with freshly generated scenes.
+
+    Example: pourcast new exp1 my-study --scenes 40
+    """
+    from pourcast.study import DEFAULT_SCENES, SceneRequest, new_study
+
+    wanted = count or DEFAULT_SCENES[experiment.value]
+    request = SceneRequest(experiment.value, wanted, seed, candidates)
+    with progress_bar() as report:
+        selection = new_study(folder, request, report)
+    _print_selection(selection, folder / "scenes.json", as_json=as_json)
+
+
+@app.command()
+def show(
+    scenes: ScenesArgument,
+    out: Annotated[Path, typer.Option("--output", "-o", help="A .png, .svg, .gif or .mp4 file.")],
+    scene: Annotated[str, typer.Option(help="Which scene: a number from 1, or its id.")] = "1",
+    model: ModelOption = None,
+    liquid: LiquidOption = LiquidName.WATER,
+    seed: SeedOption = 0,
+) -> None:
+    """Look at a scene, at a pour in six moments (.png, .svg) or as a film (.gif, .mp4).
+
+    Several models stand side by side, each with its judgment.
+
+    Example: pourcast show scenes.json --scene 3 -m water-ife -m honey-ife-1 -o pour.mp4
+    """
+    from pourcast.pictures import show as show_scene
+    from pourcast.study import load_scenes, pick_scene
+
+    chosen = pick_scene(load_scenes(scenes), scene, scenes)
+    with progress_bar() as report:
+        imagined = show_scene(
+            chosen, out, model or [], liquid.value, seed,
+            progress=lambda done, total: report("drawing", done, total),
+        )  # fmt: skip
+    for one in imagined:
+        typer.echo(f"{one.name}: J = {one.judgment:.2f}")
+    typer.echo(f"{out}: {chosen.id}")
+
+
+@app.command(name="import")
+def import_(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Files to read.")],
+    out: Annotated[Path, typer.Option("--output", "-o", help="Scene file to write (.json).")],
+    kind: Annotated[
+        ForeignFormat | None, typer.Option("--format", help="By default found from the file.")
+    ] = None,
+    width: Annotated[
+        float, typer.Option(min=0.05, max=20.0, help="Width of the box [m] (SVG, plinko).")
+    ] = 1.0,
+) -> None:
+    """Read scenes made elsewhere: SVG drawings, plinko JSON, SPlisHSPlasH JSON.
+
+    In an SVG, name the shapes (or fill them): liquid (blue), cup (green) or divider
+    (red); all other filled shapes are obstacles.
+
+    Example: pourcast import drawing.svg -o mine.json
+    """
+    from pourcast.generate.importers import import_scene
+    from pourcast.scene import write_scenes
+
+    imported = [import_scene(p, kind=kind.value if kind else None, width=width) for p in files]
+    names = [scene.id for scene in imported]
+    if len(set(names)) < len(names):
+        imported = [
+            scene.model_copy(update={"id": f"{scene.id}-{k}"})
+            for k, scene in enumerate(imported, start=1)
+        ]
+    write_scenes(out, imported)
+    for scene in imported:
+        typer.echo(f"{out}: {scene.id}, {len(scene.obstacles)} convex obstacles, {scene.goal.kind}")
+
+
+@app.command()
+def export(
+    scenes: ScenesArgument,
+    out: Annotated[Path, typer.Option("--output", "-o", help="JSON file to write.")],
+    scene: Annotated[str, typer.Option(help="Which scene: a number from 1, or its id.")] = "1",
+) -> None:
+    """Write a scene for SPlisHSPlasH, an independent SPH engine, with its meshes beside it.
+
+    Example: pourcast export scenes.json --scene 3 -o splish/scene.json
+    """
+    from pourcast.generate.importers.splishsplash import write
+    from pourcast.study import load_scenes, pick_scene
+
+    written = write(pick_scene(load_scenes(scenes), scene, scenes), out)
+    typer.echo(f"{out}: and {len(written) - 1} meshes beside it")

@@ -1,0 +1,332 @@
+"""The command that sweeps parameters: sweep."""
+
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pourcast.cli.app import app
+from pourcast.cli.options import JsonOption
+from pourcast.cli.terminal import print_json, print_table, progress_bar
+from pourcast.errors import InputError
+
+if TYPE_CHECKING:
+    from pourcast.sweep.plan import Plan
+    from pourcast.sweep.run import SweepProgress, SweepResult
+    from pourcast.sweep.status import Status
+    from pourcast.sweep.store import Store
+
+_LOG_EVERY = 60.0
+"""Where there is no terminal, a line of progress is printed as often [s]."""
+
+
+class ExecutorName(StrEnum):
+    """Where shards are done."""
+
+    LOCAL = "local"
+    DASK = "dask"
+    SLURM = "slurm"
+
+
+@app.command()
+def sweep(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="A study folder.")],
+    grid: Annotated[
+        str | None,
+        typer.Option(
+            "--grid",
+            "-g",
+            metavar="FILE or NAME",
+            help="What to sweep: a TOML file, or quick, paper-exp1, paper-exp2.",
+        ),
+    ] = None,
+    executor: Annotated[ExecutorName, typer.Option(help="Where to work.")] = ExecutorName.LOCAL,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Shards at a time [all cores; 16 on a cluster].")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say how much it is, and how long it takes.")
+    ] = False,
+    status: Annotated[
+        bool, typer.Option("--status", help="Only say how far it is; all grids without --grid.")
+    ] = False,
+    trajectories: Annotated[
+        bool, typer.Option("--trajectories", help="Keep all particles' paths too (Zarr).")
+    ] = False,
+    attempts: Annotated[
+        int, typer.Option(min=1, help="How often a shard is tried before it is given up.")
+    ] = 3,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="dask: a scheduler that runs already.")
+    ] = None,
+    cluster: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="dask, slurm: TOML with a table [dask] or [slurm]."),
+    ] = None,
+    print_script: Annotated[
+        bool, typer.Option("--print-script", help="slurm: print a script for sbatch instead.")
+    ] = False,
+    shard: Annotated[
+        str | None,
+        typer.Option(metavar="I or I/K", help="Do only shard I, or every K-th from I; no table."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a grid of models and parameters over a study's scenes; resumes where it stopped.
+
+    Every finished piece is kept: the same command goes on after a crash or Ctrl-C, and a
+    larger grid runs only what is new. Ends with STUDY/judgments/GRID.parquet.
+
+    Example: pourcast sweep my-study --grid quick --workers 2
+    """
+    from pourcast.study import load_scenes
+    from pourcast.sweep.grid import read_grid
+    from pourcast.sweep.plan import make_plan
+    from pourcast.sweep.status import all_statuses, status_of
+    from pourcast.sweep.store import Store
+
+    if not study.is_dir():
+        raise InputError(f"{study}: expected a study folder; `pourcast new` makes one")
+    scenes, store = load_scenes(study), Store(study / "sweep")
+    if grid is None:
+        if not status:
+            raise InputError("grid: expected --grid FILE or NAME (or --status)")
+        _print_statuses(all_statuses(store, scenes), as_json=as_json)
+        return
+    asked = read_grid(grid)
+    plan = make_plan(asked.with_trajectories() if trajectories else asked, scenes)
+    if status:
+        _print_statuses([status_of(plan, store)], as_json=as_json)
+    elif dry_run:
+        _print_estimate(plan, store, workers, as_json=as_json)
+    elif shard is not None:
+        _run_part(plan, store, shard)
+    elif print_script:
+        arguments = [str(study.absolute()), "--grid", _absolute(grid)]
+        arguments += ["--trajectories"] if trajectories else []
+        _print_script(plan, arguments, workers, cluster)
+    else:
+        kind = executor.value
+        result = _run(plan, store, kind, workers, scheduler, cluster, attempts)
+        _print_result(plan, store, result, study, as_json=as_json)
+
+
+def _absolute(grid: str) -> str:
+    from pourcast.sweep.grid import grid_names
+
+    return grid if grid in grid_names() else str(Path(grid).absolute())
+
+
+def _run(
+    plan: "Plan",
+    store: "Store",
+    kind: str,
+    workers: int | None,
+    scheduler: str | None,
+    cluster: Path | None,
+    attempts: int,
+) -> "SweepResult":
+    from pourcast.sweep.executors.choose import ClusterOptions, make_executor, read_cluster
+    from pourcast.sweep.run import run_sweep
+    from pourcast.sweep.survey import survey
+
+    options = read_cluster(cluster) if cluster else ClusterOptions()
+    store.prepare()
+    # A job that is cancelled or preempted ends like one that is interrupted by hand.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    place = make_executor(kind, workers, store.folder, scheduler, options)
+    try:
+        with _sweep_bar() as report:
+            return run_sweep(plan, store, place, attempts=attempts, report=report)
+    except KeyboardInterrupt:
+        left = len(survey(plan, store).left)
+        done = len(plan.shards) - left
+        raise KeyboardInterrupt(
+            f"interrupted: {done} of {len(plan.shards)} shards are done; "
+            "the same command goes on from there"
+        ) from None
+    finally:
+        place.close()
+
+
+@contextmanager
+def _sweep_bar() -> Iterator[Any]:
+    """Progress of a sweep on stderr: a bar, or a line a minute where there is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), Remaining(elapsed_when_finished=True))
+    begin = time.monotonic()
+    said = begin
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("starting", total=None)
+
+        def report(now: "SweepProgress") -> None:
+            nonlocal said
+            rate = now.simulations / max(1e-9, time.monotonic() - begin)
+            words = (
+                f"{now.shards} of {now.all_shards} shards, {now.simulations} of "
+                f"{now.all_simulations} simulations, {rate:.0f}/s"
+            )
+            words += f", {now.failed} failed tries" if now.failed else ""
+            bar.update(task, description=words, completed=now.seconds, total=now.all_seconds)
+            if not console.is_terminal and time.monotonic() - said > _LOG_EVERY:
+                said = time.monotonic()
+                typer.echo(f"{words}; {_time_left(now, said - begin)} left", err=True)
+
+        yield report
+
+
+def _time_left(now: "SweepProgress", elapsed: float) -> str:
+    if now.seconds <= 0.0:
+        return "an unknown time"
+    return _duration(elapsed * (now.all_seconds - now.seconds) / now.seconds)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+def _size(count: float) -> str:
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"
+
+
+def _print_result(
+    plan: "Plan", store: "Store", result: "SweepResult", study: Path, *, as_json: bool
+) -> None:
+    from pourcast.judgments import write_table
+
+    path = study / "judgments" / f"{plan.grid.name}.parquet"
+    write_table(path, result.table)
+    missing = int(result.table["judgment"].isna().sum())
+    if as_json:
+        facts = {name: value for name, value in vars(result).items() if name != "table"}
+        facts["failures"] = [asdict(failure) for failure in result.failures]
+        facts["damaged"] = [str(damage) for damage in result.damaged]
+        print_json(facts | {"file": str(path), "judgments": len(result.table), "missing": missing})
+    else:
+        for damage in result.damaged:
+            typer.echo(f"{damage}; removed, and done again")
+        typer.echo(
+            f"reused {result.reused_simulations} of {plan.simulations} simulations "
+            f"({result.reused_shards} shards); ran {result.done_simulations} "
+            f"({result.done_shards} shards)"
+        )
+        typer.echo(f"{path}: {len(result.table) - missing} judgments")
+        if plan.trajectories:
+            typer.echo(f"{store.trajectories}: the particles' paths")
+    for failure in result.failures:
+        typer.echo(
+            f"shard {failure.shard} failed {failure.attempts} times: {failure.message}", err=True
+        )
+    if result.failures:
+        typer.echo(
+            f"pourcast: {len(result.failures)} shards failed, {missing} judgments are missing; "
+            "the same command tries them again",
+            err=True,
+        )
+        raise typer.Exit(1)
+
+
+def _print_statuses(statuses: "list[Status]", *, as_json: bool) -> None:
+    if as_json:
+        found = []
+        for one in statuses:
+            facts = asdict(one)
+            facts["damaged"] = [str(damage) for damage in one.damaged]
+            found.append(facts)
+        print_json(found)
+        return
+    if not statuses:
+        typer.echo("nothing was swept here yet")
+    for one in statuses:
+        typer.echo(
+            f"{one.grid}: {one.done_shards} of {one.shards} shards done, "
+            f"{one.done_simulations} of {one.simulations} simulations; {one.running} at work; "
+            f"last finished: {one.last_written or 'none'}"
+        )
+        for failure in one.failures:
+            typer.echo(
+                f"  shard {failure.shard} failed {failure.attempts} times: {failure.message}"
+            )
+        for damage in one.damaged:
+            typer.echo(f"  {damage}; the next run does it again")
+
+
+def _print_estimate(plan: "Plan", store: "Store", workers: int | None, *, as_json: bool) -> None:
+    from pourcast.engine.batch import available_cores
+    from pourcast.sweep.estimate import disk_bytes, estimate
+    from pourcast.sweep.survey import survey
+
+    count, left = workers or available_cores(), survey(plan, store).left
+    with progress_bar() as report:
+        table = estimate(plan, left, count, report=report)
+    simulations = sum(part.simulations for part in left)
+    minutes, size = float(table["minutes"].sum()), disk_bytes(plan, left)
+    if as_json:
+        facts = {"grid": plan.grid.name, "simulations": plan.simulations, "shards": len(left)}
+        facts |= {"to_do": simulations, "workers": count, "minutes": minutes, "bytes": size}
+        print_json(facts | {"parts": table.reset_index().to_dict(orient="records")})
+        return
+    if len(table):
+        print_table(table)
+    typer.echo(
+        f"\n{plan.grid.name} on {len(plan.listed)} scenes: {plan.simulations} simulations, of "
+        f"which {plan.simulations - simulations} are done; {simulations} to do, "
+        f"in {len(left)} shards"
+    )
+    typer.echo(
+        f"about {_duration(60 * minutes)} with {count} workers like this machine's cores "
+        f"(measured on {table['run'].sum()} simulations); about {_size(size)} on disk"
+    )
+
+
+def _run_part(plan: "Plan", store: "Store", shard: str) -> None:
+    from pourcast.sweep.run import run_part
+
+    first, _, step = shard.partition("/")
+    parts = int(step) if step.isdecimal() else len(plan.shards) if not step else 0
+    if not first.isdecimal() or parts < 1 or int(first) >= parts:
+        raise InputError(
+            f"shard: expected a number from 0 to {len(plan.shards) - 1}, or I/K, found {shard!r}"
+        )
+    bad = False
+    for result in run_part(plan, store, int(first), parts):
+        bad |= result.outcome not in ("done", "busy")
+        typer.echo(f"shard {result.shard}: {result.outcome} {result.message}".rstrip(), err=True)
+    if bad:
+        raise typer.Exit(1)
+
+
+def _print_script(
+    plan: "Plan", arguments: list[str], workers: int | None, cluster: Path | None
+) -> None:
+    from pourcast.sweep.executors.choose import CLUSTER_WORKERS, ClusterOptions, read_cluster
+    from pourcast.sweep.executors.slurm import sbatch_script
+
+    options = read_cluster(cluster) if cluster else ClusterOptions()
+    sys.stdout.write(
+        sbatch_script(
+            ["sweep", *arguments], plan.grid.name, len(plan.shards),
+            workers or CLUSTER_WORKERS, options.slurm,
+        )
+    )  # fmt: skip

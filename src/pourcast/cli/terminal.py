@@ -1,0 +1,58 @@
+"""What the commands print: progress, tables, JSON."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+
+@contextmanager
+def progress_bar() -> Iterator[Any]:
+    """Progress bar on stderr, if that is a terminal; yields report(what, done, all)."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
+    console = Console(stderr=True)
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("starting", total=None)
+
+        def report(what: str, done: int, total: int) -> None:
+            bar.update(task, description=what, completed=done, total=total)
+
+        yield report
+
+
+def print_table(frame: Any, *, decimals: int = 2) -> None:
+    """Print a small table with rich, its index first."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column(str(frame.index.name or ""))
+    for name in frame.columns:
+        numeric = frame[name].dtype.kind in "fiu"
+        table.add_column(str(name), justify="right" if numeric else "left", overflow="fold")
+    for label, *row in frame.itertuples(name=None):
+        cells = [f"{v:.{decimals}f}" if isinstance(v, float) else str(v) for v in row]
+        table.add_row(str(label), *("-" if cell == "nan" else cell for cell in cells))
+    Console().print(table)
+
+
+def print_json(content: Any) -> None:
+    """Print JSON, numbers that are none as null."""
+    import math
+
+    def clean(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {str(k): clean(v) for k, v in value.items()}
+        if isinstance(value, list | tuple):
+            return [clean(v) for v in value]
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    typer.echo(json.dumps(clean(content), indent=2))

@@ -1,0 +1,192 @@
+"""How long a plan takes on this machine, from running a little of it."""
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pourcast.sweep.plan import Plan, Shard, Span, trajectory_bytes
+from pourcast.sweep.settings import PourSetting
+from pourcast.sweep.shard import compute, task_of
+
+Report = Callable[[str, int, int], None]
+"""Called with what is going on, how much of it is done, and how much there is."""
+
+Group = tuple[str, int, str]
+
+CALIBRATION_SECONDS = 10.0
+"""How long a calibration goes on [s]."""
+
+_SAMPLE_SECONDS = 2.0
+_LARGEST_SAMPLE = 64
+
+_SHARD_BYTES, _ROW_BYTES = 9_000, 21
+"""Size of a shard's file without rows, and of a row: measured on `paper-exp1`."""
+
+_TRAJECTORY_RATIO = 0.6
+"""Compressed size of trajectories over their size in memory: measured on `quick`."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Simulations of a plan that are alike: same kind, number of particles and liquid.
+
+    Parameters
+    ----------
+    group
+        What they are.
+    spans
+        Where they are in the plan.
+    simulations
+        Their number.
+    seconds
+        Rough work [s of one core].
+    """
+
+    group: Group
+    spans: tuple[Span, ...]
+    simulations: int
+    seconds: float
+
+
+def parts_of(plan: Plan, shards: Sequence[Shard]) -> list[Part]:
+    """Work of some shards of a plan, by group."""
+    spans: dict[Group, list[Span]] = defaultdict(list)
+    for shard in shards:
+        for span in shard.spans:
+            spans[plan.settings[span.setting].group].append(span)
+    parts = []
+    for group, members in spans.items():
+        rows = [(span.stop - span.start, plan.row_of(span.setting)) for span in members]
+        simulations = sum(count * row.simulations for count, row in rows)
+        seconds = sum(count * row.seconds for count, row in rows)
+        parts.append(Part(group, tuple(members), simulations, seconds))
+    return parts
+
+
+def measure(
+    plan: Plan, part: Part, count: int, rng: np.random.Generator, threads: int
+) -> tuple[int, float, float]:
+    """Run some of a part, chosen at random.
+
+    Parameters
+    ----------
+    plan, part
+        What to run.
+    count
+        How many settings in scenes.
+    rng
+        Source of the choice.
+    threads
+        Threads to run them on.
+
+    Returns
+    -------
+    simulations, seconds, expected
+        How many were run, the time that they took, and the work that the plan takes them for
+        [s of one core].
+    """
+    sizes = np.array([span.stop - span.start for span in part.spans])
+    ends = np.cumsum(sizes)
+    picks = np.sort(rng.choice(int(ends[-1]), min(count, int(ends[-1])), replace=False))
+    which = np.searchsorted(ends, picks, side="right")
+    spans = []
+    for pick, place in zip(picks, which, strict=True):
+        scene = part.spans[place].start + int(pick - (ends[place] - sizes[place]))
+        spans.append(Span(part.spans[place].setting, scene, scene + 1))
+    rows = [plan.row_of(span.setting) for span in spans]
+    simulations, expected = sum(r.simulations for r in rows), sum(r.seconds for r in rows)
+    task = task_of(plan, Shard("", 0, tuple(spans), expected, simulations), Path())
+    start = time.perf_counter()
+    compute(task, threads=threads)
+    return simulations, time.perf_counter() - start, expected
+
+
+def estimate(
+    plan: Plan,
+    shards: Sequence[Shard],
+    workers: int,
+    *,
+    budget: float = CALIBRATION_SECONDS,
+    report: Report | None = None,
+) -> pd.DataFrame:
+    """Time that some shards take on this machine, from a short calibration.
+
+    The largest parts are sampled until the time is up; what wasn't sampled is
+    taken to be off by the same factor.
+
+    Parameters
+    ----------
+    plan, shards
+        What is to be done.
+    workers
+        How many work at a time, one core each.
+    budget
+        Time for the calibration [s].
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    DataFrame
+        A row per part: `N`, simulations in all and run for the estimate, and minutes.
+    """
+    parts = parts_of(plan, shards)
+    rng = np.random.default_rng(0)
+    factors: dict[Group, float] = {}
+    run: dict[Group, int] = {}
+    spent = expected_in_all = 0.0
+    for done, part in enumerate(sorted(parts, key=lambda part: -part.seconds)):
+        if spent > budget:
+            break
+        if report is not None:
+            report(f"trying {in_words(part.group)}", done, len(parts))
+        each = part.seconds / sum(span.stop - span.start for span in part.spans)
+        count = int(np.clip(_SAMPLE_SECONDS / each, 4, _LARGEST_SAMPLE))
+        compute_once(plan, part)
+        run[part.group], seconds, expected = measure(plan, part, count, rng, threads=1)
+        factors[part.group] = seconds / expected
+        spent, expected_in_all = spent + seconds, expected_in_all + expected
+    other = spent / expected_in_all if expected_in_all else 1.0
+    rows = [
+        {
+            "part": in_words(part.group),
+            "simulations": part.simulations,
+            "run": run.get(part.group, 0),
+            "minutes": part.seconds * factors.get(part.group, other) / workers / 60,
+        }
+        for part in parts
+    ]
+    columns = ["part", "simulations", "run", "minutes"]
+    return pd.DataFrame(rows, columns=columns).set_index("part")
+
+
+def compute_once(plan: Plan, part: Part) -> None:
+    """Compile what a part needs, so that the compiler's time isn't taken for the part's."""
+    measure(plan, part, 1, np.random.default_rng(0), threads=1)
+
+
+def in_words(group: Group) -> str:
+    """A group for people."""
+    kind, n_particles, what = group
+    if kind == "model":
+        return what
+    name = "marbles" if kind == "marbles" else what.replace("alpha", "alpha =")
+    return f"{name}, N = {n_particles}"
+
+
+def disk_bytes(plan: Plan, shards: Sequence[Shard]) -> int:
+    """Disk space that shards need [bytes], roughly."""
+    size = sum(_SHARD_BYTES + _ROW_BYTES * shard.simulations for shard in shards)
+    if not plan.trajectories:
+        return size
+    paths = 0.0
+    for span in (span for shard in shards for span in shard.spans):
+        setting = plan.settings[span.setting]
+        if isinstance(setting, PourSetting):
+            paths += (span.stop - span.start) * trajectory_bytes(setting)
+    return size + round(_TRAJECTORY_RATIO * paths)

@@ -1,0 +1,238 @@
+"""What is asked: models, ranges of their parameters, and the liquids of the trials.
+
+A grid is a TOML file; the paper's and a quick one lie in `sweep/grids`.
+"""
+
+import itertools
+import math
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pourcast.errors import InputError
+from pourcast.model import LIQUID_NAMES, Model, make_model, parse_parameter, presets, unknown
+from pourcast.scene import one_line
+
+MAX_MODELS = 1_000_000
+"""Most combinations of parameters that a grid may ask for."""
+
+MAX_VALUES = 100_000
+"""Most values of one range."""
+
+Value = float | int | str
+
+
+class Range(BaseModel):
+    """Evenly spaced values, both ends included: by their `step`, or by their `count`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    first: float = Field(alias="from", allow_inf_nan=False)
+    last: float = Field(alias="to", allow_inf_nan=False)
+    step: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
+    count: int | None = Field(default=None, ge=2, le=MAX_VALUES)
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "Range":
+        if (self.step is None) == (self.count is None):
+            raise ValueError("expected either `step` or `count` beside `from` and `to`")
+        if self.last < self.first:
+            raise ValueError("`to` is less than `from`")
+        if self.step is not None:
+            steps = (self.last - self.first) / self.step
+            if abs(steps - round(steps)) > 1e-6:
+                raise ValueError("the step doesn't lead from `from` to `to`")
+            if steps >= MAX_VALUES:
+                raise ValueError(f"more than {MAX_VALUES} values")
+        return self
+
+    def values(self) -> list[Value]:
+        """The values, whole numbers where they are whole, rounded where 0.1 + 0.2 isn't 0.3."""
+        count = self.count or round((self.last - self.first) / (self.step or 1.0)) + 1
+        exact = (round(float(v), 10) for v in np.linspace(self.first, self.last, count))
+        return [int(v) if v == int(v) else v for v in exact]
+
+
+class GridModels(BaseModel):
+    """One `[[models]]` of a grid: a model, and values of some of its parameters."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    model: str
+    liquids: tuple[str, ...] = Field(default=("water",), min_length=1, strict=False)
+    """Liquids that the trials show."""
+    seeds: tuple[Annotated[int, Field(ge=0)], ...] = Field(default=(0,), min_length=1, strict=False)
+    parameters: dict[str, Range | Value | list[Value]] = {}
+    """Parameter -> a value, a list of values, or a range."""
+
+    def axes(self) -> dict[str, list[Value]]:
+        """Values of every parameter that is given."""
+        return {name: _values(given) for name, given in self.parameters.items()}
+
+
+def _values(given: Range | Value | list[Value]) -> list[Value]:
+    if isinstance(given, Range):
+        return given.values()
+    return list(given) if isinstance(given, list) else [given]
+
+
+class GridFile(BaseModel):
+    """The content of a grid file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    title: str = ""
+    trajectories: bool = False
+    """Keep every particle's path too."""
+    shard_seconds: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
+    """Rough work in a shard [s of one core]; by default 4 to 60, by the size of the grid."""
+    models: tuple[GridModels, ...] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A model that is to judge all scenes, as trials with one liquid, with one seed."""
+
+    name: str
+    """As in the grid file: a family, a preset or a third-party model."""
+    family: str
+    """A preset's family; else the same."""
+    model: Model
+    liquid: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A grid that was read and found right.
+
+    Parameters
+    ----------
+    name
+        Its name: that of the file, without the extension.
+    text
+        The text of the file.
+    content
+        What it says.
+    """
+
+    name: str
+    text: str
+    content: GridFile
+
+    def asked(self) -> Iterator[Asked]:
+        """All models, in the order of the file; later parameters vary fastest."""
+        for entry in self.content.models:
+            base, axes = make_model(entry.model), entry.axes()
+            family = presets().get(entry.model, {}).get("model", entry.model)
+            parsed = [_parsed(entry.model, base, key, values) for key, values in axes.items()]
+            for combination in itertools.product(*parsed):
+                model = replace(base, **dict(zip(axes, combination, strict=True)))
+                for liquid, seed in itertools.product(entry.liquids, entry.seeds):
+                    yield Asked(entry.model, family, model, liquid, seed)
+
+    def with_trajectories(self) -> "Grid":
+        """The same grid, keeping every particle's path."""
+        if self.content.trajectories:
+            return self
+        text = f"trajectories = true\n{self.text}"
+        return Grid(self.name, text, self.content.model_copy(update={"trajectories": True}))
+
+
+def _parsed(name: str, base: Model, key: str, values: list[Value]) -> list[Any]:
+    return [parse_parameter(name, type(base), key, str(value)) for value in values]
+
+
+def grid_names() -> list[str]:
+    """Names of the grids that come with pourcast."""
+    entries = (entry.name for entry in files("pourcast.sweep").joinpath("grids").iterdir())
+    return sorted(name.removesuffix(".toml") for name in entries if name.endswith(".toml"))
+
+
+def read_grid(name_or_path: str) -> Grid:
+    """Read a grid, and check every model and value in it.
+
+    Parameters
+    ----------
+    name_or_path
+        A TOML file, or the name of a grid that comes with pourcast.
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the field and what was expected.
+
+    Examples
+    --------
+    >>> sum(1 for _ in read_grid("quick").asked())
+    290
+    """
+    if name_or_path in grid_names():
+        resource = files("pourcast.sweep").joinpath("grids", f"{name_or_path}.toml")
+        return parse_grid(resource.read_text(encoding="utf-8"), name_or_path, name_or_path)
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.exists():
+        raise InputError(f"grid: {unknown(name_or_path, grid_names())}, or a .toml file")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({reason})") from None
+    return parse_grid(text, path.stem, str(path))
+
+
+def parse_grid(text: str, name: str, source: str) -> Grid:
+    """Grid from the text of its file; see `read_grid`.
+
+    Parameters
+    ----------
+    text
+        TOML.
+    name
+        Name of the grid.
+    source
+        Name of the file, for error messages.
+    """
+    try:
+        content = GridFile.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source}: not a TOML file ({error})") from None
+    except ValidationError as error:
+        raise InputError(f"{source}: {one_line(error)}") from None
+    for place, entry in enumerate(content.models):
+        try:
+            _check(entry)
+        except InputError as error:
+            raise InputError(f"{source}: models[{place}]: {error}") from None
+    return Grid(name, text, content)
+
+
+def _check(entry: GridModels) -> None:
+    """Build a model with each single value; ranges of parameters don't depend on one another."""
+    for liquid in entry.liquids:
+        if liquid not in LIQUID_NAMES:
+            raise InputError(f"liquids: {unknown(liquid, LIQUID_NAMES)}")
+    base, axes = make_model(entry.model), entry.axes()
+    for key, values in axes.items():
+        if not values:
+            raise InputError(f"parameters.{key}: the list is empty, expected at least one value")
+        for value in _parsed(entry.model, base, key, values):
+            replace(base, **{key: value})
+    size = math.prod(len(values) for values in axes.values())
+    size *= len(entry.liquids) * len(entry.seeds)
+    if size > MAX_MODELS:
+        raise InputError(f"{size} combinations of parameters; at most {MAX_MODELS} can be swept")
+
+
+def parameter_names(models: Iterator[Model] | list[Model]) -> list[str]:
+    """Names of the parameters of some models, each once, in their order."""
+    names: dict[str, None] = {}
+    for model in models:
+        names.update(dict.fromkeys(entry.name for entry in fields(model)))
+    return list(names)

@@ -1,0 +1,294 @@
+"""A grid over scenes, cut into shards of about a minute's work.
+
+The cut depends on the grid and the scenes alone, not on the machine, on the
+number of workers or on what is done already: two processes that sweep the same
+grid cut it alike, and `--shard 17` is always the same work.
+"""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pourcast.model import SimulationModel, resolve_liquid
+from pourcast.scene import Scene
+from pourcast.simulation import EngineSettings, engine_version
+from pourcast.sweep.cost import simulated_seconds
+from pourcast.sweep.grid import Asked, Grid
+from pourcast.sweep.settings import JudgeSetting, PourSetting, Setting, digest
+
+LONGEST_SHARD = 60.0
+"""Work in a shard of a large grid [s of one core]."""
+
+SHORTEST_SHARD = 4.0
+"""Work in a shard of a small grid [s of one core]: little is lost when one is cut off."""
+
+SHARDS_WANTED = 32
+"""A small grid is cut into about as many shards, to keep all workers busy."""
+
+TILE = 256
+"""Scenes that are taken together: a shard carries few scenes and many settings."""
+
+TRAJECTORY_BYTES = 128e6
+"""Most bytes of trajectories in a shard, roughly."""
+
+DoneScenes = dict[int, NDArray[np.bool_]]
+"""Setting -> which scenes are done elsewhere."""
+
+
+class Span(NamedTuple):
+    """One setting in the scenes from `start` up to, not including, `stop`."""
+
+    setting: int
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """A piece of work.
+
+    Parameters
+    ----------
+    id
+        Hash of all that determines its result.
+    number
+        Its number in the plan, from 0.
+    spans
+        What is in it.
+    seconds
+        Rough time on one core [s].
+    simulations
+        Number of simulations; a judgment without any counts as one.
+    """
+
+    id: str
+    number: int
+    spans: tuple[Span, ...]
+    seconds: float
+    simulations: int
+
+
+class Row(NamedTuple):
+    """A setting and the scenes that it is for; what one scene costs."""
+
+    setting: int
+    start: int
+    stop: int
+    seconds: float
+    simulations: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How a model's judgments are put together: the mean over some settings."""
+
+    asked: Asked
+    trial_liquid: str
+    settings: tuple[int, ...]
+    start: int
+    """First scene that it is for; `stop` is the one after the last."""
+    stop: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a grid over scenes needs.
+
+    Parameters
+    ----------
+    grid
+        The grid.
+    listed
+        The study's scenes, in their order.
+    scenes
+        The different ones among them, those with the same kind of goal together.
+    settings
+        What is computed, in the order in which it is.
+    rows
+        Which setting is for which scenes.
+    answers
+        The models' judgments from the settings'.
+    """
+
+    grid: Grid
+    listed: tuple[Scene, ...]
+    scenes: tuple[Scene, ...]
+    settings: tuple[Setting, ...]
+    rows: tuple[Row, ...]
+    answers: tuple[Answer, ...]
+
+    @property
+    def trajectories(self) -> bool:
+        """Whether particles' paths are kept."""
+        return self.grid.content.trajectories
+
+    @cached_property
+    def simulations(self) -> int:
+        """Number of simulations in all."""
+        return sum((row.stop - row.start) * row.simulations for row in self.rows)
+
+    @cached_property
+    def seconds(self) -> float:
+        """Rough work in all [s of one core]."""
+        return sum((row.stop - row.start) * row.seconds for row in self.rows)
+
+    @cached_property
+    def scene_digests(self) -> tuple[str, ...]:
+        """Digest of each of `scenes`."""
+        return tuple(scene.digest for scene in self.scenes)
+
+    @cached_property
+    def shards(self) -> tuple[Shard, ...]:
+        """The work, cut into pieces."""
+        return tuple(self._identified(k, spans) for k, spans in enumerate(self._cut()))
+
+    def _cut(self) -> Iterator[list[Span]]:
+        target = self.grid.content.shard_seconds or min(
+            max(self.seconds / SHARDS_WANTED, SHORTEST_SHARD), LONGEST_SHARD
+        )
+        open_spans: list[Span] = []
+        load, group = 0.0, None
+        for row, span in self._tiles():
+            here = self.settings[span.setting].group
+            if open_spans and here != group and load > target / 2:
+                yield open_spans
+                open_spans, load = [], 0.0
+            group, position = here, span.start
+            cost = row.seconds + self._trajectory_load(row) * target
+            while position < span.stop:
+                room = max(1, round((target - load) / cost))
+                stop = min(span.stop, position + room)
+                open_spans.append(Span(span.setting, position, stop))
+                load += (stop - position) * cost
+                position = stop
+                if load >= 0.999 * target - cost / 2:
+                    yield open_spans
+                    open_spans, load = [], 0.0
+        if open_spans:
+            yield open_spans
+
+    def _tiles(self) -> Iterator[tuple[Row, Span]]:
+        """All rows, tile of scenes by tile within each group."""
+        begin = 0
+        for end in range(1, len(self.rows) + 1):
+            group = self.settings[self.rows[begin].setting].group
+            if end < len(self.rows) and self.settings[self.rows[end].setting].group == group:
+                continue
+            rows, begin = self.rows[begin:end], end
+            for first in range(0, len(self.scenes), TILE):
+                for row in rows:
+                    start, stop = max(row.start, first), min(row.stop, first + TILE)
+                    if start < stop:
+                        yield row, Span(row.setting, start, stop)
+
+    def _trajectory_load(self, row: Row) -> float:
+        """Share of a shard's room for trajectories that a scene takes."""
+        setting = self.settings[row.setting]
+        if not self.trajectories or not isinstance(setting, PourSetting):
+            return 0.0
+        return trajectory_bytes(setting) / TRAJECTORY_BYTES
+
+    def _identified(self, number: int, spans: Sequence[Span]) -> Shard:
+        name = hashlib.sha256(self._engine)
+        seconds, simulations = 0.0, 0
+        for setting, start, stop in spans:
+            name.update(self._setting_digests[setting])
+            name.update(self._scene_bytes[start * 12 : stop * 12])
+            row = self.row_of(setting)
+            seconds += (stop - start) * row.seconds
+            simulations += (stop - start) * row.simulations
+        return Shard(name.hexdigest()[:20], number, tuple(spans), seconds, simulations)
+
+    @cached_property
+    def _engine(self) -> bytes:
+        return f"{engine_version()} {'trajectories' if self.trajectories else ''}".encode()
+
+    @cached_property
+    def _scene_bytes(self) -> bytes:
+        return "".join(self.scene_digests).encode()
+
+    @cached_property
+    def _setting_digests(self) -> list[bytes]:
+        return [digest(setting) for setting in self.settings]
+
+    @cached_property
+    def _row_of(self) -> dict[int, Row]:
+        return {row.setting: row for row in self.rows}
+
+    def row_of(self, setting: int) -> Row:
+        """A row of a setting: what one scene costs."""
+        return self._row_of[setting]
+
+    def without(self, shard: Shard, done: DoneScenes) -> Shard | None:
+        """What is left of a shard when some of it is done elsewhere; None if nothing is."""
+        left: list[Span] = []
+        for span in shard.spans:
+            mask = done.get(span.setting)
+            if mask is None or not mask[span.start : span.stop].any():
+                left.append(span)
+                continue
+            edges = np.flatnonzero(np.diff(mask[span.start : span.stop], prepend=1, append=1))
+            left += [
+                Span(span.setting, span.start + int(first), span.start + int(last))
+                for first, last in zip(edges[::2], edges[1::2], strict=True)
+            ]
+        if left == list(shard.spans):
+            return shard
+        return self._identified(shard.number, left) if left else None
+
+
+def trajectory_bytes(setting: PourSetting) -> float:
+    """Size of a pour's trajectory in memory [bytes], roughly."""
+    duration = simulated_seconds(setting.liquid, setting.n_particles, setting.damping_zeta)
+    return 12.0 * setting.n_particles * duration * EngineSettings().frame_rate
+
+
+def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
+    """Find out what a grid over scenes needs.
+
+    Parameters
+    ----------
+    grid
+        The grid.
+    scenes
+        The study's scenes.
+    """
+    different = {scene.digest: scene for scene in scenes}
+    ordered = sorted(different.values(), key=lambda scene: scene.goal.kind)
+    kinds = [scene.goal.kind for scene in ordered]
+    parts = [
+        (kinds.index(kind), kinds.index(kind) + kinds.count(kind)) for kind in dict.fromkeys(kinds)
+    ]
+    places: dict[Setting, set[tuple[int, int]]] = {}
+    wanted: list[tuple[Asked, str, list[Setting], tuple[int, int]]] = []
+    for asked in grid.asked():
+        for part in parts:
+            needed, liquid = _needed(asked, ordered[part[0]])
+            for setting in needed:
+                places.setdefault(setting, set()).add(part)
+            wanted.append((asked, liquid, needed, part))
+    settings = tuple(sorted(places, key=lambda setting: setting.order))
+    number = {setting: place for place, setting in enumerate(settings)}
+    rows = [
+        Row(k, *part, setting.seconds(ordered[part[0]]), setting.simulations(ordered[part[0]]))
+        for k, setting in enumerate(settings)
+        for part in sorted(places[setting])
+    ]
+    answers = (
+        Answer(asked, liquid, tuple(number[setting] for setting in needed), *part)
+        for asked, liquid, needed, part in wanted
+    )
+    return Plan(grid, tuple(scenes), tuple(ordered), settings, tuple(rows), tuple(answers))
+
+
+def _needed(asked: Asked, scene: Scene) -> tuple[list[Setting], str]:
+    """Settings of a model for scenes like this one, and the trial's liquid."""
+    liquid, model = resolve_liquid(asked.liquid, scene), asked.model
+    if isinstance(model, SimulationModel) and model.same_pours_everywhere:
+        return [PourSetting.of(pour) for pour in model.pours(scene, liquid)], liquid.name
+    return [JudgeSetting(asked.family, model, liquid, asked.seed)], liquid.name

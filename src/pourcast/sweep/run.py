@@ -1,0 +1,211 @@
+"""Driving a sweep: what is left goes to an executor, until all is done or given up."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from pourcast.errors import StoreError
+from pourcast.sweep.executors import Executor
+from pourcast.sweep.plan import Plan, Shard
+from pourcast.sweep.shard import ShardResult, run_shard, task_of
+from pourcast.sweep.store import Damage, Failure, Store
+from pourcast.sweep.survey import Survey, survey
+from pourcast.sweep.table import gather
+
+ATTEMPTS = 3
+"""How often a shard is tried."""
+
+_PATIENCE = 1.0
+"""Pause before a shard that another process is at is looked at again [s]."""
+
+
+@dataclass(frozen=True)
+class SweepProgress:
+    """Where a sweep is.
+
+    Parameters
+    ----------
+    shards, simulations, seconds
+        Done by now; the simulations of unfinished shards count, as far as they are known.
+    all_shards, all_simulations, all_seconds
+        To be done in all by this run.
+    failed
+        Tries that failed.
+    """
+
+    shards: int
+    all_shards: int
+    simulations: int
+    all_simulations: int
+    seconds: float
+    all_seconds: float
+    failed: int
+
+
+Report = Callable[[SweepProgress], None]
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """How a sweep ended."""
+
+    table: pd.DataFrame
+    """Judgments; see `sweep.table.gather`."""
+    reused_shards: int
+    """Files that were there already; those of other grids are counted too."""
+    reused_simulations: int
+    done_shards: int
+    done_simulations: int
+    failures: tuple[Failure, ...]
+    damaged: tuple[Damage, ...]
+    """Files that were not as they were written; their work was done again."""
+
+
+def run_sweep(
+    plan: Plan,
+    store: Store,
+    executor: Executor,
+    *,
+    attempts: int = ATTEMPTS,
+    report: Report | None = None,
+) -> SweepResult:
+    """Do what is left of a plan, and gather the table.
+
+    Parameters
+    ----------
+    plan
+        What is wanted.
+    store
+        What is done, and where results are kept.
+    executor
+        Where shards are done.
+    attempts
+        How often a shard is tried before it is given up; the others go on.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    StoreError
+        If results can't be kept. What was done before is.
+    """
+    store.prepare()
+    store.keep_grid(plan.grid.name, plan.grid.text)
+    before = _repaired(plan, store)
+    files, damaged = dict(before.files), list(before.damaged)
+    failures: list[Failure] = []
+    left = before
+    while left.left:
+        failures = _drive(plan, store, executor, left.left, attempts, report)
+        left = _repaired(plan, store)
+        files, damaged = dict(left.files), damaged + list(left.damaged)
+        if {shard.id for shard in left.left} <= {failure.shard for failure in failures}:
+            break
+    return SweepResult(
+        table=gather(plan, store, files.values()),
+        reused_shards=len(before.files),
+        reused_simulations=plan.simulations - before.simulations,
+        done_shards=len(before.left) - len(failures),
+        done_simulations=before.simulations - left.simulations,
+        failures=tuple(failures),
+        damaged=tuple(damaged),
+    )
+
+
+def _repaired(plan: Plan, store: Store, shards: Sequence[Shard] | None = None) -> Survey:
+    """What is left, after damaged files have been removed."""
+    found = survey(plan, store, shards)
+    for damage in found.damaged:
+        store.discard(damage)
+    return found
+
+
+def _drive(
+    plan: Plan,
+    store: Store,
+    executor: Executor,
+    shards: Sequence[Shard],
+    attempts: int,
+    report: Report | None,
+) -> list[Failure]:
+    """Do shards, again if they fail; returns those that were given up."""
+    named = {shard.id: shard for shard in shards}
+    tally = _Tally(shards, report)
+    tries: Counter[str] = Counter()
+    failures: list[Failure] = []
+    tally.tell(0)
+    while named:
+        tasks = (task_of(plan, shard, store.folder) for shard in list(named.values()))
+        for result in executor.run(tasks, tally.tell):
+            if result.outcome == "store":
+                raise StoreError(result.message)
+            if result.outcome == "done":
+                tally.done(named.pop(result.shard))
+            elif result.outcome != "busy":
+                tries[result.shard] += 1
+                tally.failed += 1
+                if tries[result.shard] == attempts:
+                    del named[result.shard]
+                    failures.append(Failure(result.shard, attempts, result.message))
+                    store.keep_failure(failures[-1])
+            tally.tell(0)
+        if named:
+            time.sleep(_PATIENCE)
+    return failures
+
+
+class _Tally:
+    """Counts what is done, and reports it."""
+
+    def __init__(self, shards: Sequence[Shard], report: Report | None) -> None:
+        self._all_shards = len(shards)
+        self._all_simulations = sum(shard.simulations for shard in shards)
+        self._all_seconds = sum(shard.seconds for shard in shards)
+        self._report = report
+        self._shards = self._simulations = self._under_way = self.failed = 0
+        self._seconds = 0.0
+
+    def done(self, shard: Shard) -> None:
+        self._shards += 1
+        self._simulations += shard.simulations
+        self._seconds += shard.seconds
+        self._under_way = max(0, self._under_way - shard.simulations)
+
+    def tell(self, more_under_way: int) -> None:
+        if self._report is None:
+            return
+        self._under_way += more_under_way
+        # Tries that failed were counted as under way, too.
+        under_way = min(self._under_way, self._all_simulations - self._simulations)
+        share = under_way / max(1, self._all_simulations)
+        self._report(
+            SweepProgress(
+                shards=self._shards,
+                all_shards=self._all_shards,
+                simulations=self._simulations + under_way,
+                all_simulations=self._all_simulations,
+                seconds=min(self._all_seconds, self._seconds + share * self._all_seconds),
+                all_seconds=self._all_seconds,
+                failed=self.failed,
+            )
+        )
+
+
+def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[ShardResult]:
+    """Do every `parts`-th shard from number `part` on, here and now; for a task of a job array.
+
+    Parameters
+    ----------
+    plan
+        What is wanted.
+    store
+        Where results are kept.
+    part, parts
+        Which shards; with as many parts as there are shards it is just one.
+    """
+    store.prepare()
+    left = _repaired(plan, store, plan.shards[part::parts]).left
+    return [run_shard(task_of(plan, shard, store.folder)) for shard in left]

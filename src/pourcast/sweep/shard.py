@@ -1,0 +1,226 @@
+"""A worker's part: do one shard, and keep the result."""
+
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import pyarrow as pa
+
+from pourcast.errors import StoreError
+from pourcast.scene import Scene
+from pourcast.simulation import EngineSettings, Outcome, Pour, engine_version, simulate
+from pourcast.sweep.plan import Plan, Shard, Span
+from pourcast.sweep.settings import JudgeSetting, PourSetting, Setting
+from pourcast.sweep.store import SCHEMA, Store
+from pourcast.sweep.trajectories import write_trajectories
+
+OnDone = Callable[[int], None]
+"""Called with the number of simulations that were done since the last call."""
+
+
+@dataclass(frozen=True)
+class ShardTask:
+    """A shard with all that a worker needs for it, on this machine or another.
+
+    Parameters
+    ----------
+    shard
+        The shard; its spans count in `settings` and `scenes` below.
+    store
+        Folder of the store; the worker sees it under the same name.
+    settings, scenes
+        Those that occur in the shard, and their digests.
+    engine
+        Version of the engine that planned it.
+    trajectories
+        Whether to keep the particles' paths.
+    """
+
+    shard: Shard
+    store: Path
+    settings: tuple[Setting, ...]
+    scenes: tuple[Scene, ...]
+    digests: tuple[str, ...]
+    engine: str
+    trajectories: bool
+
+
+@dataclass(frozen=True)
+class ShardResult:
+    """What became of a shard.
+
+    `done`: its file is there. `busy`: another process is at it. `failed`: it raised an
+    error. `lost`: its worker died. `store`: the result couldn't be kept.
+    """
+
+    shard: str
+    outcome: Literal["done", "busy", "failed", "lost", "store"]
+    message: str = ""
+
+
+def task_of(plan: Plan, shard: Shard, store: Path) -> ShardTask:
+    """A shard with only those settings and scenes that occur in it."""
+    settings = sorted({span.setting for span in shard.spans})
+    scenes = sorted({k for span in shard.spans for k in range(span.start, span.stop)})
+    setting_place = dict(zip(settings, count(), strict=False))
+    scene_place = dict(zip(scenes, count(), strict=False))
+    # A span's scenes are all in `scenes`, hence still side by side.
+    spans = tuple(
+        Span(setting_place[setting], scene_place[start], scene_place[stop - 1] + 1)
+        for setting, start, stop in shard.spans
+    )
+    return ShardTask(
+        shard=Shard(shard.id, shard.number, spans, shard.seconds, shard.simulations),
+        store=store.absolute(),
+        settings=tuple(plan.settings[k] for k in settings),
+        scenes=tuple(plan.scenes[k] for k in scenes),
+        digests=tuple(plan.scene_digests[k] for k in scenes),
+        engine=engine_version(),
+        trajectories=plan.trajectories,
+    )
+
+
+def run_shard(task: ShardTask, on_done: OnDone | None = None) -> ShardResult:
+    """Do a shard unless it is done or somebody is at it; never raises an ordinary error.
+
+    Parameters
+    ----------
+    task
+        The shard.
+    on_done
+        Told of the progress.
+    """
+    store, name = Store(task.store), task.shard.id
+    try:
+        with store.locked(name) as mine:
+            if not mine:
+                return ShardResult(name, "busy")
+            if store.path_of(name) is None:
+                _do(task, store, on_done)
+            store.forget_failure(name)
+    except StoreError as error:
+        return ShardResult(name, "store", str(error))
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(where.filename).name}, line {where.lineno}"
+        return ShardResult(name, "failed", f"{type(error).__name__}: {error} ({place})")
+    return ShardResult(name, "done")
+
+
+class _Row(NamedTuple):
+    """A row of a shard's table before it is done."""
+
+    scene: int
+    setting: int
+    draw: int
+    pour: Pour | None
+
+
+def _do(task: ShardTask, store: Store, on_done: OnDone | None) -> None:
+    if task.engine != engine_version():
+        raise RuntimeError("the worker has another version of pourcast than the planner")
+    table, outcomes = compute(task, on_done=on_done)
+    if task.trajectories and any(outcomes):
+        write_trajectories(store, task.shard.id, outcomes, EngineSettings().frame_rate)
+    store.write(task.shard.id, table)
+
+
+def compute(
+    task: ShardTask, *, threads: int = 1, on_done: OnDone | None = None
+) -> tuple[pa.Table, list[Outcome | None]]:
+    """Do the work of a shard, and keep nothing.
+
+    Parameters
+    ----------
+    task
+        The shard.
+    threads
+        Threads for its simulations; the result doesn't depend on them.
+    on_done
+        Told of the progress.
+
+    Returns
+    -------
+    table, outcomes
+        The shard's table (`store.SCHEMA`), and for each row the pour's outcome, if it was one.
+    """
+    rows = list(_rows(task))
+    seen = 0
+
+    def progress(done: int, _total: int) -> None:
+        nonlocal seen
+        if on_done is not None:
+            on_done(done - seen)
+        seen = done
+
+    pours = [row.pour for row in rows if row.pour is not None]
+    ends = iter(simulate(pours, record=task.trajectories, threads=threads, progress=progress))
+    outcomes = [None if row.pour is None else next(ends) for row in rows]
+    judgments = _judgments(task, rows, on_done)
+    return _table(task, rows, outcomes, judgments), outcomes
+
+
+def _rows(task: ShardTask) -> Iterator[_Row]:
+    for setting_place, start, stop in task.shard.spans:
+        setting = task.settings[setting_place]
+        for place in range(start, stop):
+            pours = _pours(setting, task.scenes[place])
+            for draw, pour in enumerate(pours or [None]):
+                yield _Row(place, setting_place, draw, pour)
+
+
+def _pours(setting: Setting, scene: Scene) -> Sequence[Pour]:
+    if isinstance(setting, PourSetting):
+        return [setting.pour_in(scene)]
+    return setting.pours_in(scene)
+
+
+def _judgments(
+    task: ShardTask, rows: Sequence[_Row], on_done: OnDone | None
+) -> dict[tuple[int, int], float]:
+    """Judgments of the models that don't pour: (setting, scene) -> value."""
+    asked: dict[int, list[int]] = {}
+    for row in rows:
+        if row.pour is None:
+            asked.setdefault(row.setting, []).append(row.scene)
+    found = {}
+    for place, members in asked.items():
+        setting = task.settings[place]
+        assert isinstance(setting, JudgeSetting)
+        scenes = [task.scenes[k] for k in members]
+        values = setting.model.judge(scenes, setting.liquid, setting.seed)
+        found.update({(place, k): float(v) for k, v in zip(members, values, strict=True)})
+        if on_done is not None:
+            on_done(len(members))
+    return found
+
+
+def _table(
+    task: ShardTask,
+    rows: Sequence[_Row],
+    outcomes: Sequence[Outcome | None],
+    judgments: dict[tuple[int, int], float],
+) -> pa.Table:
+    identities = [setting.identity for setting in task.settings]
+    columns = {
+        "scene": pa.DictionaryArray.from_arrays(
+            pa.array([row.scene for row in rows], pa.int32()), pa.array(task.digests)
+        ),
+        "setting": pa.DictionaryArray.from_arrays(
+            pa.array([row.setting for row in rows], pa.int32()), pa.array(identities)
+        ),
+        "draw": [row.draw for row in rows],
+        "judgment": [
+            judgments[row.setting, row.scene] if outcome is None else outcome.judgment
+            for row, outcome in zip(rows, outcomes, strict=True)
+        ],
+        **{
+            name: [None if outcome is None else getattr(outcome, name) for outcome in outcomes]
+            for name in ("stranded", "touched", "time", "settled")
+        },
+    }
+    metadata = {"engine": task.engine, "trajectories": str(int(task.trajectories))}
+    return pa.table(columns, schema=SCHEMA.with_metadata(metadata))

@@ -1,0 +1,110 @@
+"""What of a plan is done, and what is left."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from pourcast.simulation import engine_version
+from pourcast.sweep.plan import DoneScenes, Plan, Shard
+from pourcast.sweep.store import Damage, Store
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What of a plan is done, and what is left.
+
+    Parameters
+    ----------
+    left
+        Work that is left; a shard that an older grid did in part is cut down to the rest.
+    files
+        Files of whatever is done of it, by their shards' ids; of other grids' shards too.
+    damaged
+        Files that are there but not as they were written.
+    """
+
+    left: tuple[Shard, ...]
+    files: dict[str, Path]
+    damaged: tuple[Damage, ...]
+
+    @property
+    def simulations(self) -> int:
+        """Simulations that are left."""
+        return sum(shard.simulations for shard in self.left)
+
+    @property
+    def seconds(self) -> float:
+        """Rough work that is left [s of one core]."""
+        return sum(shard.seconds for shard in self.left)
+
+
+def survey(plan: Plan, store: Store, shards: Sequence[Shard] | None = None) -> Survey:
+    """Look through a store; every file's checksum is checked, and nothing is changed.
+
+    Parameters
+    ----------
+    plan
+        What is wanted.
+    store
+        What there is.
+    shards
+        Those of the plan's shards to look for; all by default.
+    """
+    shards = plan.shards if shards is None else shards
+    paths = store.paths()
+    for other in {shard.id for shard in plan.shards} - {shard.id for shard in shards}:
+        paths.pop(other, None)
+    damaged = store.damaged(paths)
+    for damage in damaged:
+        paths.pop(damage.shard, None)
+    files = {shard.id: paths.pop(shard.id) for shard in shards if shard.id in paths}
+    left = [shard for shard in shards if shard.id not in files]
+    if left and paths:
+        elsewhere = _Elsewhere(plan)
+        files |= {name: path for name, path in paths.items() if elsewhere.adds(store.read(path))}
+        rest = [plan.without(shard, elsewhere.done) for shard in left]
+        left = [shard for shard in rest if shard is not None]
+    return Survey(tuple(left), files, tuple(damaged))
+
+
+class _Elsewhere:
+    """What other grids' shards hold of a plan."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.done: DoneScenes = {}
+        self._plan = plan
+        self._setting = {setting.identity: k for k, setting in enumerate(plan.settings)}
+        self._scene = {name: k for k, name in enumerate(plan.scene_digests)}
+
+    def adds(self, table: pa.Table | None) -> bool:
+        """Take in a shard; whether it holds anything that is wanted."""
+        if table is None or not self._fits(table.schema.metadata):
+            return False
+        settings = places(table["setting"], self._setting)
+        scenes = places(table["scene"], self._scene)
+        wanted = (settings >= 0) & (scenes >= 0)
+        for setting in np.unique(settings[wanted]):
+            mask = self.done.setdefault(
+                int(setting), np.zeros(len(self._plan.scenes), dtype=np.bool_)
+            )
+            mask[scenes[wanted & (settings == setting)]] = True
+        return bool(wanted.any())
+
+    def _fits(self, metadata: dict[bytes, bytes]) -> bool:
+        same_engine = metadata.get(b"engine") == engine_version().encode()
+        return same_engine and (not self._plan.trajectories or metadata[b"trajectories"] == b"1")
+
+
+def places(column: pa.ChunkedArray, known: dict[str, int]) -> NDArray[np.int64]:
+    """Numbers of a dictionary column's values; -1 for what is not known."""
+    found: list[NDArray[np.int64]] = [
+        np.array([known.get(name, -1) for name in chunk.dictionary.to_pylist()], np.int64)[
+            chunk.indices.to_numpy()
+        ]
+        for chunk in column.chunks
+    ]
+    return np.concatenate([np.empty(0, np.int64), *found])

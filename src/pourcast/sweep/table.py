@@ -1,0 +1,123 @@
+"""From the shards to one tidy table of judgments."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from pourcast.sweep.grid import parameter_names
+from pourcast.sweep.plan import Answer, Plan
+from pourcast.sweep.store import Store
+from pourcast.sweep.survey import places
+
+COLUMNS = ("scene", "digest", "liquid", "model", "parameters", "seed", "judgment")
+"""As in a table of `judgments.predict`; a column for each parameter follows."""
+
+
+def gather(plan: Plan, store: Store, files: Iterable[Path]) -> pd.DataFrame:
+    """Table of all judgments that a grid asks for, in the grid's order.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    store
+        The store.
+    files
+        Files of the shards that hold the results.
+
+    Returns
+    -------
+    DataFrame
+        One row per scene, model, parameters, liquid and seed, with the columns of
+        `judgments.predict`, then one per parameter (``model_`` before the name if it
+        is taken). A judgment whose simulations are not all there is missing.
+    """
+    values = simulated(plan, store, files)
+    return judged(plan, values)
+
+
+def simulated(plan: Plan, store: Store, files: Iterable[Path]) -> NDArray[np.float64]:
+    """Judgment of each setting in each scene, shape [settings, scenes]; NaN where none is known."""
+    values = np.full((len(plan.settings), len(plan.scenes)), np.nan)
+    setting_place = {setting.identity: k for k, setting in enumerate(plan.settings)}
+    scene_place = {name: k for k, name in enumerate(plan.scene_digests)}
+    for path in files:
+        table = store.read(path)
+        if table is not None:
+            settings = places(table["setting"], setting_place)
+            scenes = places(table["scene"], scene_place)
+            first, judgments = _over_draws(table)
+            settings, scenes = settings[first], scenes[first]
+            wanted = (settings >= 0) & (scenes >= 0)
+            values[settings[wanted], scenes[wanted]] = judgments[wanted]
+    return values
+
+
+def _over_draws(table: pa.Table) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """First row of each judgment, and its mean over the draws, which lie one after another."""
+    judgments = table["judgment"].to_numpy()
+    first = np.flatnonzero(table["draw"].to_numpy() == 0)
+    ends = np.append(first[1:], len(judgments))
+    means = judgments[first].copy()
+    for k in np.flatnonzero(ends - first > 1):
+        # The same sum as in `SimulationModel.judge`, to the last digit.
+        means[k] = np.mean(judgments[first[k] : ends[k]])
+    return first, means
+
+
+def judged(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
+    """Table of judgments from the settings'; see `gather`."""
+    place = {name: k for k, name in enumerate(plan.scene_digests)}
+    listed = np.array([place[scene.digest] for scene in plan.listed])
+    ids = np.array([scene.id for scene in plan.listed], dtype=object)
+    digests = np.array(plan.scene_digests, dtype=object)[listed]
+    members = [np.flatnonzero((listed >= a.start) & (listed < a.stop)) for a in plan.answers]
+    sizes = [len(member) for member in members]
+    rows = np.concatenate(members)
+    judgments = [
+        _mean(values, answer, listed[member])
+        for answer, member in zip(plan.answers, members, strict=True)
+    ]
+    per_answer: dict[str, list[Any]] = {
+        "liquid": [a.trial_liquid for a in plan.answers],
+        "model": [a.asked.name for a in plan.answers],
+        "parameters": [json.dumps(a.asked.model.parameters()) for a in plan.answers],
+        "seed": [a.asked.seed for a in plan.answers],
+    }
+    repeated = {
+        name: np.repeat(np.array(column, dtype=None if name == "seed" else object), sizes)
+        for name, column in per_answer.items()
+    }
+    table = pd.DataFrame(
+        {"scene": ids[rows], "digest": digests[rows], **repeated}
+        | {"judgment": np.concatenate(judgments)}
+    )
+    models = [answer.asked.model for answer in plan.answers]
+    for name in parameter_names(models):
+        title = f"model_{name}" if name in COLUMNS else name
+        table[title] = np.repeat(_column([getattr(model, name, None) for model in models]), sizes)
+    return table
+
+
+def _column(values: list[Any]) -> NDArray[Any]:
+    """Values as numbers if they are, missing ones as NaN."""
+    if any(isinstance(value, str) for value in values):
+        return np.array(values, dtype=object)
+    if all(isinstance(value, int) for value in values):
+        return np.array(values, dtype=np.int64)
+    return np.array([np.nan if value is None else value for value in values])
+
+
+def _mean(
+    values: NDArray[np.float64], answer: Answer, scenes: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    # A row a scene, contiguous: NumPy then sums as it does a single list.
+    chosen = np.ascontiguousarray(values[list(answer.settings)][:, scenes].T)
+    mean: NDArray[np.float64] = chosen.mean(axis=1)
+    return mean
