@@ -12,9 +12,12 @@ import typer
 
 from pourcast.cli import models, scenes, sweep
 from pourcast.cli.app import app
+from pourcast.cli.terminal import InterruptedWorkError
 from pourcast.errors import InputError, StoreError
 
 __all__ = ["main", "models", "run", "scenes", "sweep"]
+
+INTERRUPTED = 128 + signal.SIGINT
 
 
 def main() -> None:
@@ -28,21 +31,30 @@ def run(arguments: list[str]) -> int:
         result = typer.main.get_command(app).main(
             arguments or ["--help"], prog_name="pourcast", standalone_mode=False
         )
-    except (InputError, StoreError) as error:
-        return _complain(str(error), 2 if isinstance(error, InputError) else 1)
-    except (KeyboardInterrupt, typer.Abort) as error:
-        return _complain(str(error) or "interrupted", 128 + signal.SIGINT)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except typer.TyperException as error:
-        return _complain(error.format_message(), 2)
-    except Exception as error:
-        if os.environ.get("POURCAST_TRACEBACK"):
-            raise
-        hint = "set POURCAST_TRACEBACK=1 to see where"
-        return _complain(f"{type(error).__name__}: {error} ({hint})", 1)
+    except (Exception, KeyboardInterrupt) as error:
+        return _complain(*_verdict(error))
+    if result == INTERRUPTED:  # Typer takes Ctrl-C for an exit code.
+        return _complain("interrupted", INTERRUPTED)
     return result if isinstance(result, int) else 0
+
+
+def _verdict(error: BaseException) -> tuple[str, int]:
+    """What to say of an error, and the exit code."""
+    if isinstance(error, InputError):
+        return str(error), 2
+    if isinstance(error, typer.TyperException):
+        return error.format_message(), 2
+    if isinstance(error, InterruptedWorkError | KeyboardInterrupt | typer.Abort):
+        return str(error) or "interrupted", INTERRUPTED
+    if isinstance(error, StoreError):
+        return str(error), 1
+    if os.environ.get("POURCAST_TRACEBACK"):
+        raise error
+    hint = "set POURCAST_TRACEBACK=1 to see where"
+    return f"{type(error).__name__}: {error} ({hint})", 1
 
 
 def _complain(message: str, code: int) -> int:

@@ -14,7 +14,7 @@ import typer
 
 from pourcast.cli.app import app
 from pourcast.cli.options import JsonOption
-from pourcast.cli.terminal import print_json, print_table, progress_bar
+from pourcast.cli.terminal import InterruptedWorkError, print_json, print_table, progress_bar
 from pourcast.errors import InputError
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def _run(
     except KeyboardInterrupt:
         left = len(survey(plan, store).left)
         done = len(plan.shards) - left
-        raise KeyboardInterrupt(
+        raise InterruptedWorkError(
             f"interrupted: {done} of {len(plan.shards)} shards are done; "
             "the same command goes on from there"
         ) from None

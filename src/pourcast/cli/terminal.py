@@ -8,6 +8,10 @@ from typing import Any
 import typer
 
 
+class InterruptedWorkError(Exception):
+    """Ctrl-C in long work that can be gone on with; the message says how far it is."""
+
+
 @contextmanager
 def progress_bar() -> Iterator[Any]:
     """Progress bar on stderr, if that is a terminal; yields report(what, done, all)."""

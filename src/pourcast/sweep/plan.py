@@ -155,7 +155,9 @@ class Plan:
         load, group = 0.0, None
         for row, span in self._tiles():
             here = self.settings[span.setting].group
-            if open_spans and here != group and load > target / 2:
+            # A model that judges by itself shares no shard: if it fails, nothing else does.
+            alone = isinstance(self.settings[span.setting], JudgeSetting)
+            if open_spans and here != group and (alone or load > target / 2):
                 yield open_spans
                 open_spans, load = [], 0.0
             group, position = here, span.start
