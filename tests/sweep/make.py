@@ -71,4 +71,4 @@ class Inline:
 def swept(plan: Plan, folder: Path, executor=None, **options):
     """Sweep a plan into a store; result and the executor."""
     executor = executor or Inline()
-    return run_sweep(plan, Store(folder), executor, **options), executor
+    return run_sweep(plan, Store(folder), lambda: executor, **options), executor

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -138,13 +139,12 @@ def _run(
     from pourcast.sweep.survey import survey
 
     options = read_cluster(cluster) if cluster else ClusterOptions()
-    store.prepare()
     # A job that is cancelled or preempted ends like one that is interrupted by hand.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    place = make_executor(kind, workers, store.folder, scheduler, options)
+    opened = partial(make_executor, kind, workers, store.folder, scheduler, options)
     try:
         with _sweep_bar() as report:
-            return run_sweep(plan, store, place, attempts=attempts, report=report)
+            return run_sweep(plan, store, opened, attempts=attempts, report=report)
     except KeyboardInterrupt:
         left = len(survey(plan, store).left)
         done = len(plan.shards) - left
@@ -152,8 +152,6 @@ def _run(
             f"interrupted: {done} of {len(plan.shards)} shards are done; "
             "the same command goes on from there"
         ) from None
-    finally:
-        place.close()
 
 
 @contextmanager

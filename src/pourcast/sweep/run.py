@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import pandas as pd
@@ -67,7 +68,7 @@ class SweepResult:
 def run_sweep(
     plan: Plan,
     store: Store,
-    executor: Executor,
+    open_executor: Callable[[], Executor],
     *,
     attempts: int = ATTEMPTS,
     report: Report | None = None,
@@ -80,8 +81,9 @@ def run_sweep(
         What is wanted.
     store
         What is done, and where results are kept.
-    executor
-        Where shards are done.
+    open_executor
+        Opens the place where shards are done; called if there is anything to do, and closed
+        at the end.
     attempts
         How often a shard is tried before it is given up; the others go on.
     report
@@ -94,18 +96,17 @@ def run_sweep(
     """
     store.prepare()
     store.keep_grid(plan.grid.name, plan.grid.text)
-    before = _repaired(plan, store)
-    files, damaged = dict(before.files), list(before.damaged)
+    before = left = _repaired(plan, store)
+    damaged = list(before.damaged)
     failures: list[Failure] = []
-    left = before
-    while left.left:
-        failures = _drive(plan, store, executor, left.left, attempts, report)
-        left = _repaired(plan, store)
-        files, damaged = dict(left.files), damaged + list(left.damaged)
-        if {shard.id for shard in left.left} <= {failure.shard for failure in failures}:
-            break
+    if before.left:
+        with closing(open_executor()) as executor:
+            while {shard.id for shard in left.left} > {failure.shard for failure in failures}:
+                failures = _drive(plan, store, executor, left.left, attempts, report)
+                left = _repaired(plan, store)
+                damaged += left.damaged
     return SweepResult(
-        table=gather(plan, store, files.values()),
+        table=gather(plan, store, left.files.values()),
         reused_shards=len(before.files),
         reused_simulations=plan.simulations - before.simulations,
         done_shards=len(before.left) - len(failures),

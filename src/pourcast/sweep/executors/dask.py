@@ -1,5 +1,7 @@
 """A Dask cluster: a scheduler that runs already, or one that dask-jobqueue starts on SLURM."""
 
+import shutil
+import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
@@ -114,12 +116,25 @@ def start_on_slurm(options: Mapping[str, Any], workers: int, source: str) -> Das
     InputError
         If an option is wrong.
     """
+    if shutil.which("sbatch") is None:
+        raise InputError("executor dask: there is no SLURM here (no `sbatch`)")
     distributed = optional_module("distributed", "cluster")
     jobqueue = optional_module("dask_jobqueue", "cluster")
     try:
         cluster = jobqueue.SLURMCluster(**{"cores": 1, "memory": "2GB", **options})
     except (TypeError, ValueError) as error:
         raise InputError(f"{source}: dask: {error}") from None
+    _check_job(cluster.job_script(), source)
     cluster.scale(jobs=workers)
     client = distributed.Client(cluster, timeout=_CONNECT_SECONDS, set_as_default=False)
     return DaskExecutor(client, on_close=cluster.close)
+
+
+def _check_job(script: str, source: str) -> None:
+    """Refuse a job that SLURM would refuse; dask-jobqueue would wait for its worker for ever."""
+    answer = subprocess.run(
+        ["sbatch", "--test-only"], input=script, capture_output=True, text=True, check=False
+    )
+    if answer.returncode != 0:
+        reason = " ".join(answer.stderr.split())
+        raise InputError(f"{source}: dask: SLURM refuses a worker's job ({reason})")

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import secrets
 import shlex
 import subprocess
 import sys
@@ -45,18 +46,19 @@ class SlurmExecutor:
 
     def __init__(self, folder: Path, workers: int, options: Mapping[str, Any], source: str) -> None:
         self.workers = workers
+        # A name of its own, by which its jobs can be cancelled whenever it is interrupted.
+        self._name = f"{options.get('job_name', 'pourcast')}-{secrets.token_hex(4)}"
         submitit = optional_module("submitit", "cluster")
         self._submission_error = optional_module("submitit.core.utils", "cluster").FailedJobError
         try:
             self._submitit = submitit.SlurmExecutor(folder.absolute())
             self._submitit.update_parameters(
-                **{"job_name": "pourcast", **DEFAULTS, **options, "array_parallelism": workers}
+                **{**DEFAULTS, **options, "job_name": self._name, "array_parallelism": workers}
             )
         except RuntimeError as error:
             raise InputError(f"executor slurm: {error}") from None
         except (TypeError, ValueError) as error:
             raise InputError(f"{source}: slurm: {' '.join(str(error).split())}") from None
-        self._jobs: list[Any] = []
 
     def run(self, tasks: Iterable[ShardTask], heartbeat: Heartbeat) -> Iterator[ShardResult]:
         """Do shards; see `Executor`. Many shards share the tasks of one array."""
@@ -64,8 +66,7 @@ class SlurmExecutor:
         parts = [shards[k::LONGEST_ARRAY] for k in range(min(LONGEST_ARRAY, len(shards)))]
         if not parts:
             return
-        self._jobs = self._submit(parts)
-        waiting = dict(zip(self._jobs, parts, strict=True))
+        waiting = dict(zip(self._submit(parts), parts, strict=True))
         missing_since: dict[Any, float] = {}
         asked = 0.0
         while waiting:
@@ -89,13 +90,11 @@ class SlurmExecutor:
             with contextlib.redirect_stderr(io.StringIO()):
                 return list(self._submitit.map_array(run_shards, parts))
         except self._submission_error as error:
-            raise InputError(f"sbatch: {_last_line(str(error))}") from None
+            raise InputError(_last_line(str(error))) from None
 
     def close(self) -> None:
         """Cancel what is still in the queue."""
-        arrays = {job.job_id.partition("_")[0] for job in self._jobs}
-        if arrays:
-            subprocess.run(["scancel", *sorted(arrays)], check=False, capture_output=True)
+        subprocess.run(["scancel", f"--name={self._name}"], check=False, capture_output=True)
 
 
 def run_shards(tasks: list[ShardTask]) -> list[ShardResult]:
@@ -107,6 +106,8 @@ def _results(job: Any, tasks: list[ShardTask]) -> list[ShardResult]:
     error = job.exception()
     if error is None:
         found: list[ShardResult] = job.result()
+        job.paths.submitted_pickle.unlink(missing_ok=True)
+        job.paths.result_pickle.unlink(missing_ok=True)
         return found
     return _lost(job, tasks, _last_line(str(error)))
 
