@@ -50,7 +50,11 @@ def test_every_simulation_is_in_one_shard(count, shard_seconds, tile):
 def test_shards_of_a_large_grid_are_half_a_minute_to_two():
     plan = make_plan(read_grid("paper-exp1"), random_scenes(120, seed=5))
     seconds = np.array([shard.seconds for shard in plan.shards])
-    assert np.mean((seconds >= 30) & (seconds <= 120)) > 0.9
+    assert seconds.max() <= 62
+    in_range = (seconds >= 30) & (seconds <= 120)
+    assert seconds[in_range].sum() > 0.9 * plan.seconds
+    # Smaller ones end the list, and each ends a group or is one of the last.
+    assert in_range[: len(seconds) // 2].mean() > 0.9
     # Lockstep wants company: few kinds of simulation in a shard, in one piece each.
     kinds = [{plan.settings[s.setting].group for s in shard.spans} for shard in plan.shards]
     assert np.mean([len(kind) for kind in kinds]) < 3

@@ -91,7 +91,7 @@ class GridFile(BaseModel):
     trajectories: bool = False
     """Keep every particle's path too."""
     shard_seconds: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
-    """Rough work in a shard [s of one core]; by default 4 to 60, by the size of the grid."""
+    """Rough work in a shard [s of one core]; by default 60, less towards the end."""
     models: tuple[GridModels, ...] = Field(min_length=1)
 
 

@@ -24,14 +24,17 @@ from pourcast.sweep.settings import JudgeSetting, PourSetting, Setting, digest
 LONGEST_SHARD = 60.0
 """Work in a shard of a large grid [s of one core]."""
 
-SHORTEST_SHARD = 4.0
-"""Work in a shard of a small grid [s of one core]: little is lost when one is cut off."""
+SHORTEST_SHARD = 3.0
+"""Least work in a shard [s of one core]: at the end of each the engine's lanes run empty,
+which takes it 0.1 to 0.3 s."""
 
-SHARDS_WANTED = 32
-"""A small grid is cut into about as many shards, to keep all workers busy."""
+SHARE_OF_REST = 1 / 6
+"""Share of what is left that the next shard takes, within these bounds: shards become
+smaller towards the end, so that all workers end together."""
 
-TILE = 256
-"""Scenes that are taken together: a shard carries few scenes and many settings."""
+TILE = 32
+"""Scenes that are taken together: a shard carries few scenes and many settings, long pours
+and short ones, so that short ones come last, when the lanes run empty."""
 
 TRAJECTORY_BYTES = 128e6
 """Most bytes of trajectories in a shard, roughly."""
@@ -148,18 +151,16 @@ class Plan:
         return tuple(self._identified(k, spans) for k, spans in enumerate(self._cut()))
 
     def _cut(self) -> Iterator[list[Span]]:
-        target = self.grid.content.shard_seconds or min(
-            max(self.seconds / SHARDS_WANTED, SHORTEST_SHARD), LONGEST_SHARD
-        )
         open_spans: list[Span] = []
-        load, group = 0.0, None
+        load, left, group = 0.0, self.seconds, None
+        target = self._next_target(left)
         for row, span in self._tiles():
             here = self.settings[span.setting].group
             # A model that judges by itself shares no shard: if it fails, nothing else does.
             alone = isinstance(self.settings[span.setting], JudgeSetting)
             if open_spans and here != group and (alone or load > target / 2):
                 yield open_spans
-                open_spans, load = [], 0.0
+                open_spans, load, target = [], 0.0, self._next_target(left)
             group, position = here, span.start
             cost = row.seconds + self._trajectory_load(row) * target
             while position < span.stop:
@@ -167,12 +168,18 @@ class Plan:
                 stop = min(span.stop, position + room)
                 open_spans.append(Span(span.setting, position, stop))
                 load += (stop - position) * cost
+                left -= (stop - position) * row.seconds
                 position = stop
-                if load >= 0.999 * target - cost / 2:
+                if load >= target - cost / 2:
                     yield open_spans
-                    open_spans, load = [], 0.0
+                    open_spans, load, target = [], 0.0, self._next_target(left)
         if open_spans:
             yield open_spans
+
+    def _next_target(self, left: float) -> float:
+        """Work in the next shard, if so much is left [s of one core]."""
+        fixed = self.grid.content.shard_seconds
+        return fixed or min(max(SHARE_OF_REST * left, SHORTEST_SHARD), LONGEST_SHARD)
 
     def _tiles(self) -> Iterator[tuple[Row, Span]]:
         """All rows, tile of scenes by tile within each group."""
@@ -196,6 +203,7 @@ class Plan:
         return trajectory_bytes(setting) / TRAJECTORY_BYTES
 
     def _identified(self, number: int, spans: Sequence[Span]) -> Shard:
+        spans = sorted(spans)
         name = hashlib.sha256(self._engine)
         seconds, simulations = 0.0, 0
         for setting, start, stop in spans:
