@@ -3,38 +3,29 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from benchmarks import __main__ as benchmark
 from benchmarks import ceiling
 
-from pourcast import WATER, bench, cli
-
-
-def test_the_grid_has_every_simulation_once():
-    parts = bench.paper_grid()
-    assert sum(part.size for part in parts) == 88_560
-    names = [(part.experiment, part.label, part.n_particles) for part in parts]
-    assert len(set(names)) == len(names)
-
-
-def test_picks_number_the_simulations_of_a_part(monkeypatch):
-    part = bench.GridPart(2, "some", WATER, 20, (0.0, 3.0, 7.0))
-    scenes = [f"scene {k}" for k in range(part.scene_count)]
-    pours = part.pours(scenes, np.arange(part.size))
-    assert len({(pour.scene, pour.damping_zeta) for pour in pours}) == part.size == 180
+from pourcast import bench, cli
+from pourcast.sweep.grid import parse_grid
 
 
 def test_a_plan_is_measured_and_scaled(monkeypatch, capsys):
-    part = bench.GridPart(2, "some", WATER, 15, (5.0, 9.0))
-    monkeypatch.setattr(bench, "paper_grid", lambda: [part, part])
+    text = (
+        '[[models]]\nmodel = "ife"\n'
+        "parameters = { n_particles = 15, zeta_sigma = 0, damping_zeta = [5, 9] }\n"
+        '[[models]]\nmodel = "gravity"\n'
+    )
+    monkeypatch.setattr(bench, "read_grid", lambda name: parse_grid(text, name, name))
+    monkeypatch.setattr(bench, "PAPER_GRIDS", {"paper-exp2": 60})
     assert cli.run(["bench", "--plan", "paper", "--share", "0.01", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert [row["simulations"] for row in rows] == [120, 120]
-    assert [row["run"] for row in rows] == [64, 64]
+    assert [row["simulations"] for row in rows] == [120, 60]
+    assert [row["run"] for row in rows] == [64, 60]
     assert all(row["minutes"] > 0 for row in rows)
     assert cli.run(["bench", "--plan", "paper", "--share", "0.01"]) == 0
-    assert "240 simulations" in capsys.readouterr().out
+    assert "180 simulations" in capsys.readouterr().out
 
 
 def test_speed_is_measured_for_liquid_and_marbles(monkeypatch):

@@ -11,7 +11,9 @@ from pourcast import cli
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
-COMMANDS = ("demo", "scenes", "new", "predict", "show", "import", "export", "models", "bench")
+COMMANDS = (
+    "demo", "scenes", "new", "predict", "show", "import", "export", "sweep", "models", "bench",
+)  # fmt: skip
 
 
 def snippets(page):
@@ -45,6 +47,12 @@ def test_every_command_is_in_the_documentation():
     text = "\n".join(page.read_text() for page in PAGES)
     for command in COMMANDS:
         assert f"pourcast {command}" in text
+
+
+def test_the_grid_of_the_how_to_is_the_example():
+    page = ROOT / "docs" / "how-to" / "sweeps.md"
+    text = next(text for language, text in snippets(page) if language == "toml")
+    assert (ROOT / "examples" / "grid.toml").read_text().endswith(text)
 
 
 def test_the_scene_of_the_reference_is_the_example():

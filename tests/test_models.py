@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import tomllib
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 from importlib.resources import files
 
 import numpy as np
@@ -14,6 +14,7 @@ from pourcast.errors import InputError
 from pourcast.liquid import HONEY_EXP1, HONEY_EXP2, WATER
 from pourcast.model import (
     Model,
+    SimulationModel,
     family_names,
     imagined_liquid,
     make_model,
@@ -67,6 +68,21 @@ def test_a_mirrored_scene_has_a_mirrored_judgment(name):
     expected = np.where([s.goal.kind == "basins" for s in scenes], 1.0 - there, there)
     assert np.abs(here - expected).mean() < 0.08
     assert abs(np.mean(here - expected)) < 0.04
+
+
+SHARING = [n for n in SMALL if getattr(model_class(n), "same_pours_everywhere", False)]
+
+
+@pytest.mark.parametrize("name", SHARING)
+def test_pours_that_are_said_to_be_the_same_everywhere_are(name):
+    model = make_model(SMALL[name])
+    assert isinstance(model, SimulationModel)
+    for kind in ("basins", "cup"):
+        scenes = [s for s in random_scenes(6, seed=14) if s.goal.kind == kind]
+        first = model.pours(scenes[0], HONEY_EXP1, seed=0)
+        for scene in scenes[1:]:
+            there = [replace(pour, scene=scenes[0]) for pour in model.pours(scene, HONEY_EXP1, 5)]
+            assert there == first
 
 
 def test_presets_are_the_papers_table():

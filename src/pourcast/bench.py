@@ -2,8 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -15,14 +14,15 @@ from pourcast.engine.solids import Solids, pack_solids
 from pourcast.generate.select import drawn_scene, filtered_scenes
 from pourcast.generate.shapes import ShapesFamily
 from pourcast.generate.voronoi import VoronoiFamily
-from pourcast.liquid import HONEY_EXP1, HONEY_EXP2, WATER, Liquid
+from pourcast.liquid import WATER
 from pourcast.scene import Scene
-from pourcast.simulation import EngineSettings, Pour, simulate
+from pourcast.simulation import EngineSettings, Kind
+from pourcast.sweep.estimate import in_words, measure, parts_of
+from pourcast.sweep.grid import read_grid
+from pourcast.sweep.plan import make_plan
 
 Report = Callable[[str, int, int], None]
 """Called with what is going on, how much of it is done, and how much there is."""
-
-Kind = Literal["liquid", "marbles"]
 
 COUNTS = (25, 50, 75, 100, 200)
 BATCH = 64
@@ -149,99 +149,17 @@ def speed_table(counts: Sequence[int] = COUNTS, report: Report | None = None) ->
 
 # The paper's grid --------------------------------------------------------------------
 
-GRID_COUNTS = (15, 20, 25, 30, 40, 50, 60, 75, 90, 100)
-GRID_ZETAS = tuple(float(zeta) for zeta in range(21))
+PAPER_GRIDS = {"paper-exp1": 120, "paper-exp2": 60}
+"""The grids of the paper, and the scenes of each experiment."""
 
 
-@dataclass(frozen=True)
-class GridPart:
-    """Simulations of one kind, liquid and number of particles: every scene at every damping.
-
-    Parameters
-    ----------
-    experiment
-        1 (120 scenes) or 2 (60 scenes).
-    label
-        What they serve.
-    liquid, n_particles, kind
-        As for `Pour`.
-    zetas
-        Dampings [1/s].
-    """
-
-    experiment: Literal[1, 2]
-    label: str
-    liquid: Liquid
-    n_particles: int
-    zetas: tuple[float, ...] = GRID_ZETAS
-    kind: Kind = "liquid"
-
-    @property
-    def scene_count(self) -> int:
-        """Scenes of the experiment."""
-        return {1: 120, 2: 60}[self.experiment]
-
-    @property
-    def size(self) -> int:
-        """Number of simulations."""
-        return self.scene_count * len(self.zetas)
-
-    def pours(self, scenes: Sequence[Scene], picks: NDArray[np.int64]) -> list[Pour]:
-        """Simulations number `picks` of the part."""
-        return [
-            Pour(
-                scenes[pick // len(self.zetas)],
-                self.liquid,
-                self.n_particles,
-                self.zetas[pick % len(self.zetas)],
-                kind=self.kind,
-            )
-            for pick in picks
-        ]
-
-
-def paper_grid() -> list[GridPart]:
-    """All simulations that the paper's fits and figures need: 88,560.
-
-    Experiment 1: water IFE, honey IFE (Model 1) and MarbleSim at ten N and 21 zeta,
-    water also with alpha = 0.2 and 2 at N = 50; both ground truths. Experiment 2:
-    N = 50 with water (three alpha) and honey, the two fitted MarbleSims, both truths.
-
-    Examples
-    --------
-    >>> sum(part.size for part in paper_grid())
-    88560
-    """
-    thicker = [replace(WATER, name=f"alpha {a:g}", viscosity_alpha=a) for a in (0.2, 2.0)]
-    parts = [GridPart(1, "water IFE", WATER, n) for n in GRID_COUNTS]
-    parts += [GridPart(1, f"water IFE, {liquid.name}", liquid, 50) for liquid in thicker]
-    parts += [GridPart(1, "honey IFE, Model 1", HONEY_EXP1, n) for n in GRID_COUNTS]
-    parts += [GridPart(1, "MarbleSim", WATER, n, kind="marbles") for n in GRID_COUNTS]
-    parts += [GridPart(2, "water IFE", WATER, 50)]
-    parts += [GridPart(2, f"water IFE, {liquid.name}", liquid, 50) for liquid in thicker]
-    parts += [GridPart(2, "honey IFE, Model 1", HONEY_EXP2, 50)]
-    parts += [GridPart(2, "MarbleSim", WATER, n, kind="marbles") for n in (25, 75)]
-    parts += [GridPart(1, "truth, water", WATER, 200, (0.0,))]
-    parts += [GridPart(1, "truth, honey", HONEY_EXP1, 100, (0.0,))]
-    parts += [GridPart(2, "truth, water", WATER, 200, (0.0,))]
-    parts += [GridPart(2, "truth, honey", HONEY_EXP2, 100, (0.0,))]
-    return parts
-
-
-def plan_table(
-    parts: Sequence[GridPart],
-    share: float = 0.05,
-    seed: int = 0,
-    report: Report | None = None,
-) -> pd.DataFrame:
-    """Time that a grid takes on this machine, from running a random share of each part.
+def plan_table(share: float = 0.05, seed: int = 0, report: Report | None = None) -> pd.DataFrame:
+    """Time that the paper's grids take on this machine, from running a random share of each part.
 
     Parameters
     ----------
-    parts
-        The grid.
     share
-        Share of each part that is run, 0..1; at least 64 simulations.
+        Share of each part that is run, 0..1; at least 64 settings in scenes.
     seed
         Source of the scenes and of the choice.
     report
@@ -252,35 +170,27 @@ def plan_table(
     DataFrame
         A row per part: simulations in all and run, and minutes for all of them.
     """
-    scenes: dict[int, list[Scene]] = {}
     rng = np.random.default_rng(seed)
     rows = []
-    for done, part in enumerate(parts):
-        if report is not None:
-            report(f"experiment {part.experiment}: {part.label}", done, len(parts))
-        if part.experiment not in scenes:
-            scenes[part.experiment] = _grid_scenes(part, seed)
-        run = min(part.size, max(BATCH, round(share * part.size)))
-        picks = rng.choice(part.size, run, replace=False)
-        pours = part.pours(scenes[part.experiment], picks)
-        start = time.perf_counter()
-        simulate(pours)
-        seconds = time.perf_counter() - start
-        rows.append(
-            {
-                "part": f"exp{part.experiment} {part.label}",
-                "N": part.n_particles,
-                "simulations": part.size,
-                "run": run,
-                "minutes": seconds / run * part.size / 60,
-            }
-        )
+    for name, scene_count in PAPER_GRIDS.items():
+        plan = make_plan(read_grid(name), _grid_scenes(name, scene_count, seed))
+        parts = parts_of(plan, plan.shards)
+        for done, part in enumerate(parts):
+            label = f"{name}: {in_words(part.group)}"
+            if report is not None:
+                report(label, done, len(parts))
+            count = max(BATCH, round(share * part.cells))
+            measure(plan, part, 1, rng, threads=1)  # For the compiler.
+            run, seconds, _ = measure(plan, part, count, rng, threads=available_cores())
+            minutes = seconds / run * part.simulations / 60
+            row = {"part": label, "simulations": part.simulations, "run": run, "minutes": minutes}
+            rows.append(row)
     return pd.DataFrame(rows).set_index("part")
 
 
-def _grid_scenes(part: GridPart, seed: int) -> list[Scene]:
+def _grid_scenes(name: str, count: int, seed: int) -> list[Scene]:
     """Scenes of Experiment 1 as the paper has them; of Experiment 2 any, which cost the same."""
-    if part.experiment == 1:
-        return filtered_scenes(VoronoiFamily(), part.scene_count, seed).scenes
-    draws = (drawn_scene(ShapesFamily(), seed, k) for k in range(10 * part.scene_count))
-    return [scene for scene in draws if scene is not None][: part.scene_count]
+    if name == "paper-exp1":
+        return filtered_scenes(VoronoiFamily(), count, seed).scenes
+    draws = (drawn_scene(ShapesFamily(), seed, k) for k in range(10 * count))
+    return [scene for scene in draws if scene is not None][:count]

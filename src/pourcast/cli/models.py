@@ -106,13 +106,13 @@ def bench(
 
     Example: pourcast bench --plan paper
     """
-    from pourcast.bench import COUNTS, paper_grid, plan_table, speed_table
+    from pourcast.bench import COUNTS, plan_table, speed_table
 
     with progress_bar() as report:
         if plan is None:
             table = speed_table(n_particles or COUNTS, report)
         else:
-            table = plan_table(paper_grid(), share, seed, report)
+            table = plan_table(share, seed, report)
     if as_json:
         print_json(json.loads(table.reset_index().to_json(orient="records")))
         return

@@ -52,6 +52,11 @@ class Part:
     simulations: int
     seconds: float
 
+    @property
+    def cells(self) -> int:
+        """Number of settings in scenes."""
+        return sum(span.stop - span.start for span in self.spans)
+
 
 def parts_of(plan: Plan, shards: Sequence[Shard]) -> list[Part]:
     """Work of some shards of a plan, by group."""
@@ -145,9 +150,9 @@ def estimate(
             break
         if report is not None:
             report(f"trying {in_words(part.group)}", done, len(parts))
-        each = part.seconds / sum(span.stop - span.start for span in part.spans)
+        each = part.seconds / part.cells
         count = int(np.clip(_SAMPLE_SECONDS / each, 4, _LARGEST_SAMPLE))
-        compute_once(plan, part)
+        measure(plan, part, 1, rng, threads=1)  # For the compiler.
         run[part.group], seconds, expected = measure(plan, part, count, rng, threads=1)
         factors[part.group] = seconds / expected
         spent, expected_in_all = spent + seconds, expected_in_all + expected
@@ -163,11 +168,6 @@ def estimate(
     ]
     columns = ["part", "simulations", "run", "minutes"]
     return pd.DataFrame(rows, columns=columns).set_index("part")
-
-
-def compute_once(plan: Plan, part: Part) -> None:
-    """Compile what a part needs, so that the compiler's time isn't taken for the part's."""
-    measure(plan, part, 1, np.random.default_rng(0), threads=1)
 
 
 def in_words(group: Group) -> str:
