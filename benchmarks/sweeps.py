@@ -88,7 +88,7 @@ def busy_share(plan: Plan, workers: int) -> float:
         executor = DaskExecutor(distributed.Client(cluster), sleep_through, cluster.close)
         shards = plan.shards[: SLEEPS_PER_WORKER * workers]
         tasks = (task_of(plan, shard, Path(folder)) for shard in shards)
-        results = list(executor.run(tasks, lambda _: None))
+        results = list(executor.run(tasks, lambda *_: None))
         executor.close()
         assert len(results) == len(shards)
         times = [tuple(map(float, p.read_text().split())) for p in Path(folder).iterdir()]

@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -152,6 +153,28 @@ def test_an_interrupted_sweep_says_how_far_it_is_and_goes_on(tmp_path, reference
     assert call(study, grid, "--workers", 2, "--json") == 0
     assert table_of(study) == reference[0]
     assert len(store.paths()) == len(reference[1]) > done
+
+
+def test_on_a_terminal_there_is_a_bar_with_rate_and_time_left(tmp_path):
+    study, grid = study_with(tmp_path, LONGER)
+    command = [sys.executable, "-m", "pourcast", "sweep", study, "--grid", grid, "--workers", "2"]
+    ours, its = os.openpty()
+    process = subprocess.Popen(
+        [str(part) for part in command], stdout=subprocess.PIPE, stderr=its,
+        env={**os.environ, "COLUMNS": "120", "TERM": "xterm"},
+    )  # fmt: skip
+    os.close(its)
+    shown = b""
+    with open(ours, "rb", buffering=0) as terminal:
+        try:
+            while part := terminal.read(4096):
+                shown += part
+        except OSError:  # The other end is closed.
+            pass
+    process.communicate(timeout=60)
+    total = small_plan(text=LONGER).simulations
+    assert re.search(rb"[1-9]\d* of \d+ shards, [1-9]\d* of %d simulations, \d+/s" % total, shown)
+    assert re.search(rb"0:00:\d\d", shown)
 
 
 def test_two_sweeps_at_once_share_the_work(tmp_path, reference):

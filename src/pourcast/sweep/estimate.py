@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
+from pourcast.engine.simd import LANES
 from pourcast.sweep.plan import Plan, Shard, Span, trajectory_bytes
 from pourcast.sweep.settings import PourSetting
 from pourcast.sweep.shard import compute, task_of
@@ -21,7 +23,7 @@ Group = tuple[str, int, str]
 CALIBRATION_SECONDS = 10.0
 """How long a calibration goes on [s]."""
 
-_SAMPLE_SECONDS = 2.0
+_SAMPLE_SECONDS = 1.0
 _LARGEST_SAMPLE = 64
 
 _SHARD_BYTES, _ROW_BYTES = 9_000, 21
@@ -121,8 +123,8 @@ def estimate(
 ) -> pd.DataFrame:
     """Time that some shards take on this machine, from a short calibration.
 
-    The largest parts are sampled until the time is up; what wasn't sampled is
-    taken to be off by the same factor.
+    The largest part of each kind is sampled first, then the other parts while there is
+    time; what wasn't sampled is taken to be off by the same factor as its kind.
 
     Parameters
     ----------
@@ -131,43 +133,66 @@ def estimate(
     workers
         How many work at a time, one core each.
     budget
-        Time for the calibration [s].
+        Time for the calibration [s], roughly.
     report
         Told of the progress.
 
     Returns
     -------
     DataFrame
-        A row per part: `N`, simulations in all and run for the estimate, and minutes.
+        A row per part: simulations in all and run for the estimate, and minutes.
     """
     parts = parts_of(plan, shards)
     rng = np.random.default_rng(0)
     factors: dict[Group, float] = {}
     run: dict[Group, int] = {}
-    spent = expected_in_all = 0.0
-    for done, part in enumerate(sorted(parts, key=lambda part: -part.seconds)):
+    spent = 0.0
+    for done, part in enumerate(_by_kind_and_size(parts)):
         if spent > budget:
             break
         if report is not None:
             report(f"trying {in_words(part.group)}", done, len(parts))
-        each = part.seconds / part.cells
-        count = int(np.clip(_SAMPLE_SECONDS / each, 4, _LARGEST_SAMPLE))
         measure(plan, part, 1, rng, threads=1)  # For the compiler.
-        run[part.group], seconds, expected = measure(plan, part, count, rng, threads=1)
+        run[part.group], seconds, expected = measure(plan, part, _sample_size(part), rng, threads=1)
         factors[part.group] = seconds / expected
-        spent, expected_in_all = spent + seconds, expected_in_all + expected
-    other = spent / expected_in_all if expected_in_all else 1.0
+        spent += seconds
     rows = [
         {
             "part": in_words(part.group),
             "simulations": part.simulations,
             "run": run.get(part.group, 0),
-            "minutes": part.seconds * factors.get(part.group, other) / workers / 60,
+            "minutes": part.seconds * _factor(part.group, factors) / workers / 60,
         }
         for part in parts
     ]
     columns = ["part", "simulations", "run", "minutes"]
     return pd.DataFrame(rows, columns=columns).set_index("part")
+
+
+def _by_kind_and_size(parts: Sequence[Part]) -> list[Part]:
+    """The largest part of each kind, the largest kind first, then the others by size."""
+    by_size = sorted(parts, key=lambda part: -part.seconds)
+    first = list({_kind(part.group): part for part in reversed(by_size)}.values())[::-1]
+    return first + [part for part in by_size if part not in first]
+
+
+def _kind(group: Group) -> tuple[str, str]:
+    return group[0], group[2]
+
+
+def _factor(group: Group, factors: dict[Group, float]) -> float:
+    """Measured over expected time: of a group, of its kind, or of all."""
+    if group in factors:
+        return factors[group]
+    kin = [factor for other, factor in factors.items() if _kind(other) == _kind(group)]
+    known = kin or list(factors.values())
+    return float(np.mean(known)) if known else 1.0
+
+
+def _sample_size(part: Part) -> int:
+    """Settings in scenes to try: a full set of the engine's lanes, or two where it has none."""
+    least = LANES if part.group[1] <= ALL_PAIRS_LIMIT else 2
+    return int(np.clip(_SAMPLE_SECONDS * part.cells / part.seconds, least, _LARGEST_SAMPLE))
 
 
 def in_words(group: Group) -> str:

@@ -208,7 +208,7 @@ class Plan:
         seconds, simulations = 0.0, 0
         for setting, start, stop in spans:
             name.update(self._setting_digests[setting])
-            name.update(self._scene_bytes[start * 12 : stop * 12])
+            name.update("".join(self.scene_digests[start:stop]).encode())
             row = self.row_of(setting)
             seconds += (stop - start) * row.seconds
             simulations += (stop - start) * row.simulations
@@ -217,10 +217,6 @@ class Plan:
     @cached_property
     def _engine(self) -> bytes:
         return f"{engine_version()} {'trajectories' if self.trajectories else ''}".encode()
-
-    @cached_property
-    def _scene_bytes(self) -> bytes:
-        return "".join(self.scene_digests).encode()
 
     @cached_property
     def _setting_digests(self) -> list[bytes]:

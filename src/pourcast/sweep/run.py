@@ -137,7 +137,7 @@ def _drive(
     tally = _Tally(shards, report)
     tries: Counter[str] = Counter()
     failures: list[Failure] = []
-    tally.tell(0)
+    tally.tell()
     while named:
         tasks = (task_of(plan, shard, store.folder) for shard in list(named.values()))
         for result in executor.run(tasks, tally.tell):
@@ -152,7 +152,7 @@ def _drive(
                     del named[result.shard]
                     failures.append(Failure(result.shard, attempts, result.message))
                     store.keep_failure(failures[-1])
-            tally.tell(0)
+            tally.tell()
         if named:
             time.sleep(_PATIENCE)
     return failures
@@ -162,34 +162,33 @@ class _Tally:
     """Counts what is done, and reports it."""
 
     def __init__(self, shards: Sequence[Shard], report: Report | None) -> None:
-        self._all_shards = len(shards)
-        self._all_simulations = sum(shard.simulations for shard in shards)
-        self._all_seconds = sum(shard.seconds for shard in shards)
         self._report = report
-        self._shards = self._simulations = self._under_way = self.failed = 0
+        self._all = len(shards), sum(s.simulations for s in shards), sum(s.seconds for s in shards)
+        self._shards = self._simulations = self.failed = 0
         self._seconds = 0.0
+        self._under_way: tuple[int, float] = 0, 0.0
 
     def done(self, shard: Shard) -> None:
         self._shards += 1
         self._simulations += shard.simulations
         self._seconds += shard.seconds
-        self._under_way = max(0, self._under_way - shard.simulations)
+        simulations, seconds = self._under_way
+        self._under_way = max(0, simulations - shard.simulations), max(0.0, seconds - shard.seconds)
 
-    def tell(self, more_under_way: int) -> None:
+    def tell(self, simulations: int = 0, seconds: float = 0.0) -> None:
+        self._under_way = self._under_way[0] + simulations, self._under_way[1] + seconds
         if self._report is None:
             return
-        self._under_way += more_under_way
-        # Tries that failed were counted as under way, too.
-        under_way = min(self._under_way, self._all_simulations - self._simulations)
-        share = under_way / max(1, self._all_simulations)
+        all_shards, all_simulations, all_seconds = self._all
         self._report(
             SweepProgress(
                 shards=self._shards,
-                all_shards=self._all_shards,
-                simulations=self._simulations + under_way,
-                all_simulations=self._all_simulations,
-                seconds=min(self._all_seconds, self._seconds + share * self._all_seconds),
-                all_seconds=self._all_seconds,
+                all_shards=all_shards,
+                # Tries that failed were counted as under way, too.
+                simulations=min(all_simulations, self._simulations + self._under_way[0]),
+                all_simulations=all_simulations,
+                seconds=min(all_seconds, self._seconds + self._under_way[1]),
+                all_seconds=all_seconds,
                 failed=self.failed,
             )
         )

@@ -11,9 +11,9 @@ from typing import Protocol
 
 from pourcast.sweep.shard import ShardResult, ShardTask
 
-Heartbeat = Callable[[int], None]
-"""Called now and then while work goes on, with the number of simulations that were
-reported since the last call by workers still busy with a shard (0 if they can't tell)."""
+Heartbeat = Callable[[int, float], None]
+"""Called now and then while work goes on, with what workers have done since the last call
+in shards that are not finished, if they can tell: simulations, and rough work [s]."""
 
 
 class Executor(Protocol):

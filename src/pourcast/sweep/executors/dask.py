@@ -55,7 +55,7 @@ class DaskExecutor:
             return future
 
         room = _Often(lambda: _WAITING * self.workers)
-        yield from run_futures(submit, tasks, room, lambda: heartbeat(0))
+        yield from run_futures(submit, tasks, room, lambda: heartbeat(0, 0.0))
 
     def close(self) -> None:
         """Give up what is on its way, and disconnect."""

@@ -70,7 +70,7 @@ class SlurmExecutor:
         missing_since: dict[Any, float] = {}
         asked = 0.0
         while waiting:
-            heartbeat(0)
+            heartbeat(0, 0.0)
             time.sleep(0.5)
             for job in [job for job in waiting if job.paths.result_pickle.exists()]:
                 yield from _results(job, waiting.pop(job))
