@@ -20,7 +20,6 @@ from pourcast.sweep.executors.local import LocalExecutor
 from pourcast.sweep.grid import parse_grid
 from pourcast.sweep.plan import Plan, make_plan
 from pourcast.sweep.run import run_sweep
-from pourcast.sweep.settings import PourSetting
 from pourcast.sweep.shard import ShardResult, ShardTask, task_of
 from pourcast.sweep.store import Store
 
@@ -47,10 +46,10 @@ def scenes(count: int) -> list[Scene]:
 def engine_seconds(plan: Plan) -> float:
     """Time of all simulations in one call, on one core, kinds one after another as in a sweep."""
     pours = [
-        setting.pour_in(scene)
+        pour
         for setting in plan.settings
-        if isinstance(setting, PourSetting)
         for scene in plan.scenes
+        for pour in setting.pours_in(scene)
     ]
     simulate(pours[:1] + pours[-1:], threads=1)  # For the compiler.
     start = time.perf_counter()

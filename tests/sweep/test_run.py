@@ -185,6 +185,36 @@ def test_a_model_that_raises_is_reported_with_its_error(tmp_path, monkeypatch, c
     assert "failed 3 times: ValueError: no such corner" in capsys.readouterr().out
 
 
+def test_a_disk_that_spoils_every_file_is_not_written_to_for_ever(tmp_path, monkeypatch, capsys):
+    study, grid = small_study(tmp_path), tmp_path / "small.toml"
+    grid.write_text(SMALL)
+
+    class Spoiling(Inline):
+        def run(self, tasks, heartbeat):
+            for result in super().run(tasks, heartbeat):
+                path = Store(study / "sweep").path_of(result.shard)
+                path.write_bytes(path.read_bytes()[:-1])
+                yield result
+
+    monkeypatch.setattr(
+        "pourcast.sweep.executors.choose.make_executor", lambda *arguments: Spoiling()
+    )
+    assert cli.run(["sweep", str(study), "--grid", str(grid)]) == 1
+    assert "160 judgments are missing" in capsys.readouterr().err
+
+
+def test_a_part_of_an_array_that_fails_is_told_by_status(tmp_path, monkeypatch):
+    def fail(self, *args, **kwargs):
+        raise ValueError("no such corner")
+
+    monkeypatch.setattr("pourcast.models.simple.SimpleSim.judge", fail)
+    plan, store = small_plan(), Store(tmp_path)
+    assert {result.outcome for result in run_part(plan, store, 0, 1)} == {"done", "failed"}
+    failures = store.failures(shard.id for shard in plan.shards)
+    assert all("no such corner" in failure.message for failure in failures)
+    assert failures
+
+
 def test_a_worker_of_another_version_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(shard_module, "engine_version", lambda: "planner's")
     tasks = [shard_module.task_of(small_plan(), small_plan().shards[0], tmp_path)]
@@ -227,7 +257,7 @@ def test_trajectories_are_the_simulations(tmp_path, reference):
     store = Store(tmp_path)
     for shard in plan.shards:
         rows = store.read(store.path_of(shard.id)).to_pandas()
-        path = store.trajectory_path(shard.id)
+        path = store.trajectory_paths().get(shard.id)
         poured = rows["time"].notna().to_numpy()
         assert (path is not None) == poured.any()
         if path is None:
@@ -244,13 +274,16 @@ def test_trajectories_are_the_simulations(tmp_path, reference):
             held = [scene.goal.holds(x, y) for x, y, _ in ends[np.isfinite(ends[:, 0])]]
             assert np.mean(held) == rows["judgment"][k]
     # They are part of what is done.
-    name = next(s.id for s in plan.shards if store.trajectory_path(s.id))
-    path = store.trajectory_path(name)
+    name, path = next(iter(store.trajectory_paths().items()))
     path.write_bytes(path.read_bytes()[:-1])
     result, executor = swept(plan, tmp_path)
     assert executor.did == [name]
     assert [damage.path for damage in result.damaged] == [path]
     assert len(list(store.trajectories.glob(f"{name}-*"))) == 1
+    store.trajectory_paths()[name].unlink()
+    result, executor = swept(plan, tmp_path)
+    assert executor.did == [name]
+    assert [damage.reason for damage in result.damaged] == ["gone"]
 
 
 def test_the_command_line_gathers_a_table(tmp_path, capsys, reference):

@@ -236,7 +236,7 @@ def _print_result(
         typer.echo(
             f"shard {failure.shard} failed {failure.attempts} times: {failure.message}", err=True
         )
-    if result.failures:
+    if result.failures or missing:
         typer.echo(
             f"pourcast: {len(result.failures)} shards failed, {missing} judgments are missing; "
             "the same command tries them again",

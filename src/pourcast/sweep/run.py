@@ -101,10 +101,13 @@ def run_sweep(
     failures: list[Failure] = []
     if before.left:
         with closing(open_executor()) as executor:
-            while {shard.id for shard in left.left} > {failure.shard for failure in failures}:
+            # Again if a file was damaged as soon as it was written, but not for ever.
+            for _ in range(attempts):
                 failures = _drive(plan, store, executor, left.left, attempts, report)
                 left = _repaired(plan, store)
                 damaged += left.damaged
+                if {shard.id for shard in left.left} <= {failure.shard for failure in failures}:
+                    break
     return SweepResult(
         table=gather(plan, store, left.files.values()),
         reused_shards=len(before.files),
@@ -208,4 +211,8 @@ def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[ShardResul
     """
     store.prepare()
     left = _repaired(plan, store, plan.shards[part::parts]).left
-    return [run_shard(task_of(plan, shard, store.folder)) for shard in left]
+    results = [run_shard(task_of(plan, shard, store.folder)) for shard in left]
+    for result in results:
+        if result.outcome == "failed":
+            store.keep_failure(Failure(result.shard, 1, result.message))
+    return results

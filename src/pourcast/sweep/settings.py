@@ -38,9 +38,10 @@ class PourSetting:
         liquid, zeta = pour.liquid, float(pour.damping_zeta)
         return cls(pour.kind, liquid, pour.n_particles, zeta, pour.offset)
 
-    def pour_in(self, scene: Scene) -> Pour:
-        """The pour in a scene."""
-        return Pour(scene, self.liquid, self.n_particles, self.damping_zeta, self.offset, self.kind)
+    def pours_in(self, scene: Scene) -> list[Pour]:
+        """The one pour in a scene."""
+        zeta, offset = self.damping_zeta, self.offset
+        return [Pour(scene, self.liquid, self.n_particles, zeta, offset, self.kind)]
 
     @cached_property
     def identity(self) -> str:

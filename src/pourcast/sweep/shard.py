@@ -13,7 +13,7 @@ from pourcast.errors import StoreError
 from pourcast.scene import Scene
 from pourcast.simulation import EngineSettings, Outcome, Pour, engine_version, simulate
 from pourcast.sweep.plan import Plan, Shard, Span
-from pourcast.sweep.settings import JudgeSetting, PourSetting, Setting
+from pourcast.sweep.settings import JudgeSetting, Setting
 from pourcast.sweep.store import SCHEMA, Store
 from pourcast.sweep.trajectories import write_trajectories
 
@@ -167,15 +167,9 @@ def _rows(task: ShardTask) -> Iterator[_Row]:
     for setting_place, start, stop in task.shard.spans:
         setting = task.settings[setting_place]
         for place in range(start, stop):
-            pours = _pours(setting, task.scenes[place])
+            pours = setting.pours_in(task.scenes[place])
             for draw, pour in enumerate(pours or [None]):
                 yield _Row(place, setting_place, draw, pour)
-
-
-def _pours(setting: Setting, scene: Scene) -> Sequence[Pour]:
-    if isinstance(setting, PourSetting):
-        return [setting.pour_in(scene)]
-    return setting.pours_in(scene)
 
 
 def _judgments(
@@ -212,6 +206,9 @@ def _table(
         "setting": pa.DictionaryArray.from_arrays(
             pa.array([row.setting for row in rows], pa.int32()), pa.array(identities)
         ),
+        "engine": pa.DictionaryArray.from_arrays(
+            pa.array([0] * len(rows), pa.int32()), pa.array([task.engine])
+        ),
         "draw": [row.draw for row in rows],
         "judgment": [
             judgments[row.setting, row.scene] if outcome is None else outcome.judgment
@@ -222,5 +219,5 @@ def _table(
             for name in ("stranded", "touched", "time", "settled")
         },
     }
-    metadata = {"engine": task.engine, "trajectories": str(int(task.trajectories))}
+    metadata = {"trajectories": str(int(task.trajectories))}
     return pa.table(columns, schema=SCHEMA.with_metadata(metadata))

@@ -36,6 +36,7 @@ SCHEMA = pa.schema(
     [
         pa.field("scene", pa.dictionary(pa.int32(), pa.string())),
         pa.field("setting", pa.dictionary(pa.int32(), pa.string())),
+        pa.field("engine", pa.dictionary(pa.int32(), pa.string())),
         pa.field("draw", pa.int32()),
         pa.field("judgment", pa.float64()),
         pa.field("stranded", pa.float64()),
@@ -45,9 +46,10 @@ SCHEMA = pa.schema(
     ]
 )
 """A shard's table, one row a simulation: digest of the scene, setting (JSON, what
-`sweep.settings` calls its identity), number among the draws of a noisy model, judgment,
-and, if it was a pour: shares stranded and touched, simulated time [s], and whether it
-came to rest. Row k of a shard with trajectories is element k of their array."""
+`sweep.settings` calls its identity), version of the engine, number among the draws of a
+noisy model, judgment, and, if it was a pour: shares stranded and touched, simulated time
+[s], and whether it came to rest. Row k of a shard with trajectories is element k of their
+array."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +67,10 @@ class Damage:
 
     shard: str
     path: Path
-    size: int
+    reason: str
 
     def __str__(self) -> str:
-        kind = "empty" if self.size == 0 else "its checksum is wrong"
-        return f"{self.path}: damaged ({kind})"
+        return f"{self.path}: damaged ({self.reason})"
 
 
 class Store:
@@ -114,34 +115,32 @@ class Store:
         with suppress(FileNotFoundError):
             for folder in _entries(self.shards):
                 if folder.is_dir():
-                    found.update(_shard_files(_entries(Path(folder.path))))
+                    found.update(_files(_entries(Path(folder.path)), ".parquet"))
         return found
 
     def path_of(self, shard: str) -> Path | None:
         """File of one shard, if it is there; not looked into."""
         folder = self.shards / shard[:2]
         with suppress(FileNotFoundError):
-            return _shard_files(_entries(folder)).get(shard)
+            return _files(_entries(folder), ".parquet").get(shard)
         return None
 
-    def trajectory_path(self, shard: str) -> Path | None:
-        """File of a shard's trajectories, if it is there; not looked into."""
-        return next(iter(self.trajectories.glob(f"{shard}-*.zarr.zip")), None)
+    def trajectory_paths(self) -> dict[str, Path]:
+        """Files of all trajectories, by the shard's id; not looked into."""
+        with suppress(FileNotFoundError):
+            return _files(_entries(self.trajectories), ".zarr.zip")
+        return {}
 
     def damaged(self, paths: dict[str, Path]) -> list[Damage]:
         """Files among these, or of their trajectories, whose checksum is wrong."""
-        related = dict(paths)
-        with suppress(FileNotFoundError):
-            for entry in _entries(self.trajectories):
-                shard, path = entry.name.partition("-")[0], Path(entry.path)
-                if shard in paths and not entry.name.startswith("."):
-                    related[f"{shard} "] = path
+        found = self.trajectory_paths()
+        files = [*paths.items(), *((shard, found[shard]) for shard in found.keys() & paths.keys())]
         with ThreadPoolExecutor(_READERS) as pool:
-            sizes = pool.map(_size_if_damaged, related.values())
+            reasons = pool.map(_what_is_wrong, (path for _, path in files))
             return [
-                Damage(shard.strip(), path, size)
-                for (shard, path), size in zip(related.items(), sizes, strict=True)
-                if size is not None
+                Damage(shard, path, reason)
+                for (shard, path), reason in zip(files, reasons, strict=True)
+                if reason
             ]
 
     def discard(self, damage: Damage) -> None:
@@ -250,11 +249,11 @@ def _entries(folder: Path) -> list["os.DirEntry[str]"]:
         return list(entries)
 
 
-def _shard_files(entries: Iterable["os.DirEntry[str]"]) -> dict[str, Path]:
+def _files(entries: Iterable["os.DirEntry[str]"], suffix: str) -> dict[str, Path]:
     return {
         entry.name.partition("-")[0]: Path(entry.path)
         for entry in entries
-        if entry.name.endswith(".parquet") and not entry.name.startswith(".")
+        if entry.name.endswith(suffix) and not entry.name.startswith(".")
     }
 
 
@@ -266,15 +265,18 @@ def _checksum_in(path: Path) -> str:
     return path.name.partition("-")[2].partition(".")[0]
 
 
-def _size_if_damaged(path: Path) -> int | None:
+def _what_is_wrong(path: Path) -> str:
+    """What is wrong with a file; nothing, if its checksum is right."""
     try:
         with path.open("rb") as stream:
             checksum = hashlib.file_digest(stream, "sha256").hexdigest()[:_CHECKSUM_DIGITS]
-        return None if checksum == _checksum_in(path) else path.stat().st_size
+        if checksum == _checksum_in(path):
+            return ""
+        return "its checksum is wrong" if path.stat().st_size else "empty"
     except FileNotFoundError:
-        return None  # Another process found it damaged, and removed it.
-    except OSError:
-        return -1
+        return ""  # Another process found it damaged, and removed it.
+    except OSError as error:
+        return error.strerror or str(error)
 
 
 @contextmanager

@@ -58,7 +58,7 @@ def survey(plan: Plan, store: Store, shards: Sequence[Shard] | None = None) -> S
     paths = store.paths()
     for other in {shard.id for shard in plan.shards} - {shard.id for shard in shards}:
         paths.pop(other, None)
-    damaged = store.damaged(paths)
+    damaged = store.damaged(paths) + _without_paths(plan, store, shards, paths)
     for damage in damaged:
         paths.pop(damage.shard, None)
     files = {shard.id: paths.pop(shard.id) for shard in shards if shard.id in paths}
@@ -69,6 +69,23 @@ def survey(plan: Plan, store: Store, shards: Sequence[Shard] | None = None) -> S
         rest = [plan.without(shard, elsewhere.done) for shard in left]
         left = [shard for shard in rest if shard is not None]
     return Survey(tuple(left), files, tuple(damaged))
+
+
+def _without_paths(
+    plan: Plan, store: Store, shards: Sequence[Shard], paths: dict[str, Path]
+) -> list[Damage]:
+    """Shards whose table is there, but whose trajectories are gone."""
+    if not plan.trajectories:
+        return []
+    poured = {k for k, setting in enumerate(plan.settings) if setting.pours_in(plan.scenes[0])}
+    there = store.trajectory_paths()
+    return [
+        Damage(shard.id, store.trajectories / f"{shard.id}-*.zarr.zip", "gone")
+        for shard in shards
+        if shard.id in paths
+        and shard.id not in there
+        and any(span.setting in poured for span in shard.spans)
+    ]
 
 
 class _Elsewhere:
@@ -82,7 +99,7 @@ class _Elsewhere:
 
     def adds(self, table: pa.Table | None) -> bool:
         """Take in a shard; whether it holds anything that is wanted."""
-        if table is None or not self._fits(table.schema.metadata):
+        if table is None or not self._fits(table):
             return False
         settings = places(table["setting"], self._setting)
         scenes = places(table["scene"], self._scene)
@@ -94,9 +111,10 @@ class _Elsewhere:
             mask[scenes[wanted & (settings == setting)]] = True
         return bool(wanted.any())
 
-    def _fits(self, metadata: dict[bytes, bytes]) -> bool:
-        same_engine = metadata.get(b"engine") == engine_version().encode()
-        return same_engine and (not self._plan.trajectories or metadata[b"trajectories"] == b"1")
+    def _fits(self, table: pa.Table) -> bool:
+        if table["engine"].unique().to_pylist() != [engine_version()]:
+            return False
+        return not self._plan.trajectories or table.schema.metadata[b"trajectories"] == b"1"
 
 
 def places(column: pa.ChunkedArray, known: dict[str, int]) -> NDArray[np.int64]:
