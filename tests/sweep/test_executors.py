@@ -295,7 +295,7 @@ def test_a_scheduler_that_is_not_there_is_said_in_one_line(tmp_path, monkeypatch
 
 def test_what_is_not_installed_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"pip install 'pourcast\[cluster\]'"):
+    with pytest.raises(InputError, match=r"needs distributed; .* pip install '\.\[cluster\]'"):
         make_executor("dask", 1, tmp_path, "tcp://127.0.0.1:9", ClusterOptions())
 
 

@@ -26,5 +26,6 @@ def optional_module(name: str, extra: str) -> Any:
     except ImportError:
         package = name.partition(".")[0]
         raise InputError(
-            f"this needs {package}; install it with: pip install 'pourcast[{extra}]'"
+            f"this needs {package}; install pourcast's extra: pip install '.[{extra}]' in a clone, "
+            f"or 'pourcast[{extra}]'"
         ) from None

@@ -36,11 +36,6 @@ class Survey:
         """Simulations that are left."""
         return sum(shard.simulations for shard in self.left)
 
-    @property
-    def seconds(self) -> float:
-        """Rough work that is left [s of one core]."""
-        return sum(shard.seconds for shard in self.left)
-
 
 def survey(plan: Plan, store: Store, shards: Sequence[Shard] | None = None) -> Survey:
     """Look through a store; every file's checksum is checked, and nothing is changed.
