@@ -1,6 +1,7 @@
 """Driving sweeps: the right judgments, nothing done twice, nothing lost, failures told."""
 
 import json
+import sys
 
 import numpy as np
 import pandas as pd
@@ -201,6 +202,12 @@ def test_a_disk_that_spoils_every_file_is_not_written_to_for_ever(tmp_path, monk
     )
     assert cli.run(["sweep", str(study), "--grid", str(grid)]) == 1
     assert "160 judgments are missing" in capsys.readouterr().err
+    names = [path.name for path in (study / "judgments").iterdir()]
+    assert names == ["small-incomplete.parquet"]
+    monkeypatch.undo()
+    assert cli.run(["sweep", str(study), "--grid", str(grid), "--workers", "1"]) == 0
+    names = [path.name for path in (study / "judgments").iterdir()]
+    assert names == ["small.parquet"]
 
 
 def test_a_part_of_an_array_that_fails_is_told_by_status(tmp_path, monkeypatch):
@@ -284,6 +291,14 @@ def test_trajectories_are_the_simulations(tmp_path, reference):
     result, executor = swept(plan, tmp_path)
     assert executor.did == [name]
     assert [damage.reason for damage in result.damaged] == ["gone"]
+
+
+def test_trajectories_without_zarr_are_refused_before_anything_runs(tmp_path, monkeypatch, capsys):
+    study = small_study(tmp_path)
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    assert cli.run(["sweep", str(study), "--grid", "quick", "--trajectories"]) == 2
+    assert "this needs zarr; install pourcast's extra" in capsys.readouterr().err
+    assert [path.name for path in study.iterdir()] == ["scenes.json"]
 
 
 def test_the_command_line_gathers_a_table(tmp_path, capsys, reference):

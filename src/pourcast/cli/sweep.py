@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 _LOG_EVERY = 60.0
 """Where there is no terminal, a line of progress is printed as often [s]."""
 
+_FAILURES_SHOWN = 10
+"""Failures that are told at the end; `--status` tells all."""
+
 
 class ExecutorName(StrEnum):
     """Where shards are done."""
@@ -211,11 +214,8 @@ def _size(count: float) -> str:
 def _print_result(
     plan: "Plan", store: "Store", result: "SweepResult", study: Path, *, as_json: bool
 ) -> None:
-    from pourcast.judgments import write_table
-
-    path = study / "judgments" / f"{plan.grid.name}.parquet"
-    write_table(path, result.table)
     missing = int(result.table["judgment"].isna().sum())
+    path = _write_judgments(study / "judgments", plan.grid.name, result.table, missing)
     if as_json:
         facts = {name: value for name, value in vars(result).items() if name != "table"}
         facts["failures"] = [asdict(failure) for failure in result.failures]
@@ -232,7 +232,7 @@ def _print_result(
         typer.echo(f"{path}: {len(result.table) - missing} judgments")
         if plan.trajectories:
             typer.echo(f"{store.trajectories}: the particles' paths")
-    for failure in result.failures:
+    for failure in result.failures[:_FAILURES_SHOWN]:
         typer.echo(
             f"shard {failure.shard} failed {failure.attempts} times: {failure.message}", err=True
         )
@@ -243,6 +243,18 @@ def _print_result(
             err=True,
         )
         raise typer.Exit(1)
+
+
+def _write_judgments(folder: Path, name: str, table: Any, missing: int) -> Path:
+    """Write the table; one that lacks judgments never takes the place of a whole one."""
+    from pourcast.judgments import write_table
+
+    whole, incomplete = folder / f"{name}.parquet", folder / f"{name}-incomplete.parquet"
+    path = incomplete if missing else whole
+    write_table(path, table)
+    if not missing:
+        incomplete.unlink(missing_ok=True)
+    return path
 
 
 def _print_statuses(statuses: "list[Status]", *, as_json: bool) -> None:

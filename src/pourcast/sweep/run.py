@@ -10,6 +10,7 @@ import pandas as pd
 
 from pourcast.errors import StoreError
 from pourcast.sweep.executors import Executor
+from pourcast.sweep.extras import optional_module
 from pourcast.sweep.plan import Plan, Shard
 from pourcast.sweep.shard import ShardResult, run_shard, task_of
 from pourcast.sweep.store import Damage, Failure, Store
@@ -93,7 +94,11 @@ def run_sweep(
     ------
     StoreError
         If results can't be kept. What was done before is.
+    InputError
+        If a package that is needed is not installed, or the store can't be written.
     """
+    if plan.trajectories:
+        optional_module("zarr", "trajectories")
     store.prepare()
     store.keep_grid(plan.grid.name, plan.grid.text)
     before = left = _repaired(plan, store)
