@@ -14,3 +14,10 @@ class StoreError(RuntimeError):
 
     The message is one line. The command line prints it and exits with status 1.
     """
+
+
+class ClusterError(RuntimeError):
+    """A cluster that did the work is gone; what was finished is kept.
+
+    The message is one line. The command line prints it and exits with status 1.
+    """

@@ -1,11 +1,13 @@
 """Executors: the same table whoever does the work, and workers and parents that are killed."""
 
+import json
 import os
 import random
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -281,6 +283,41 @@ def test_dask_workers_give_the_same_table_and_may_be_killed(tmp_path, reference)
         os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
         _, said = process.communicate(timeout=200)
         assert process.returncode == 0, said
+    assert table_of(study) == reference[0]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_dies_is_said_in_one_line_and_nothing_is_lost(
+    tmp_path, reference, monkeypatch, capsys
+):
+    monkeypatch.setattr(dask, "_CONNECT_SECONDS", 3)
+    study, grid = study_with(tmp_path, LONGER)
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
+    command += ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(tmp_path / "s.json")]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard"]
+    worker += ["--nthreads", "1", "--scheduler-file", str(tmp_path / "s.json")]
+    cluster = [subprocess.Popen(c, stderr=subprocess.DEVNULL) for c in (command, worker)]
+    store = Store(study / "sweep")
+
+    def kill_in_the_middle():
+        while len(store.paths()) < 2:
+            time.sleep(0.02)
+        cluster[0].kill()
+
+    try:
+        while not (tmp_path / "s.json").exists():
+            time.sleep(0.1)
+        address = json.loads((tmp_path / "s.json").read_text())["address"]
+        threading.Thread(target=kill_in_the_middle).start()
+        assert call(study, grid, "--executor", "dask", "--scheduler", address) == 1
+    finally:
+        for process in cluster:
+            process.kill()
+            process.wait()
+    said = capsys.readouterr().err
+    assert "the Dask scheduler is gone" in said
+    assert "the same command goes on from there" in said
+    assert call(study, grid) == 0
     assert table_of(study) == reference[0]
 
 

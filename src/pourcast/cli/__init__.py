@@ -13,7 +13,7 @@ import typer
 from pourcast.cli import models, scenes, sweep
 from pourcast.cli.app import app
 from pourcast.cli.terminal import InterruptedWorkError
-from pourcast.errors import InputError, StoreError
+from pourcast.errors import ClusterError, InputError, StoreError
 
 __all__ = ["main", "models", "run", "scenes", "sweep"]
 
@@ -49,7 +49,7 @@ def _verdict(error: BaseException) -> tuple[str, int]:
         return error.format_message(), 2
     if isinstance(error, InterruptedWorkError | KeyboardInterrupt | typer.Abort):
         return str(error) or "interrupted", INTERRUPTED
-    if isinstance(error, StoreError):
+    if isinstance(error, StoreError | ClusterError):
         return str(error), 1
     if os.environ.get("POURCAST_TRACEBACK"):
         raise error

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
 
-from pourcast.errors import InputError
+from pourcast.errors import ClusterError, InputError
 from pourcast.sweep.executors import Heartbeat, run_futures
 from pourcast.sweep.extras import optional_module
 from pourcast.sweep.shard import ShardResult, ShardTask, run_shard
@@ -55,11 +55,18 @@ class DaskExecutor:
             return future
 
         room = _Often(lambda: _WAITING * self.workers)
-        yield from run_futures(submit, tasks, room, lambda: heartbeat(0, 0.0))
+        for result in run_futures(submit, tasks, room, lambda: heartbeat(0, 0.0)):
+            if self._client.status != "running":
+                raise ClusterError(
+                    f"the Dask scheduler is gone ({result.message or 'no answer'}); what was "
+                    "finished is kept, the same command goes on from there"
+                )
+            yield result
 
     def close(self) -> None:
         """Give up what is on its way, and disconnect."""
-        self._pool.shutdown(wait=False)
+        if self._client.status == "running":
+            self._pool.shutdown(wait=False)
         self._client.close()
         if self._on_close is not None:
             self._on_close()
