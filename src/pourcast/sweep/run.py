@@ -100,6 +100,7 @@ def run_sweep(
     if plan.trajectories:
         optional_module("zarr", "trajectories")
     store.prepare()
+    store.tidy()
     store.keep_grid(plan.grid.name, plan.grid.text)
     before = left = _repaired(plan, store)
     damaged = list(before.damaged)

@@ -91,16 +91,18 @@ class Store:
         self._locks = folder / "locks"
 
     def prepare(self) -> None:
-        """Make sure that something can be written, and remove what a crash left half written.
+        """Make sure that something can be written.
 
         Raises
         ------
         InputError
             If nothing can be written there.
         """
-        check_writable(self.folder / "store")
-        for folder in (self._locks, self.shards):
+        for folder in (self.folder, self._locks, self.shards):
             check_writable(folder / "store")
+
+    def tidy(self) -> None:
+        """Remove what a crash left half written."""
         for half in [*self.shards.glob("*/.*"), *self.trajectories.glob(".*")]:
             shard = half.name[1:].partition("-")[0].partition(".")[0]
             with self.locked(shard) as mine, suppress(OSError):
