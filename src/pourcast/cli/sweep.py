@@ -15,7 +15,13 @@ import typer
 
 from pourcast.cli.app import app
 from pourcast.cli.options import JsonOption
-from pourcast.cli.terminal import InterruptedWorkError, print_json, print_table, progress_bar
+from pourcast.cli.terminal import (
+    InterruptedWorkError,
+    bar_on_stderr,
+    print_json,
+    print_table,
+    progress_bar,
+)
 from pourcast.errors import InputError
 
 if TYPE_CHECKING:
@@ -160,17 +166,13 @@ def _run(
 @contextmanager
 def _sweep_bar() -> Iterator[Any]:
     """Progress of a sweep on stderr: a bar, or a line a minute where there is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.progress import BarColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining
 
-    console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), Remaining(elapsed_when_finished=True))
     begin = time.monotonic()
     said = begin
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
+    with bar_on_stderr(*columns) as bar:
         task = bar.add_task("starting", total=None)
 
         def report(now: "SweepProgress") -> None:
@@ -182,7 +184,7 @@ def _sweep_bar() -> Iterator[Any]:
             )
             words += f", {now.failed} failed tries" if now.failed else ""
             bar.update(task, description=words, completed=now.seconds, total=now.all_seconds)
-            if not console.is_terminal and time.monotonic() - said > _LOG_EVERY:
+            if bar.disable and time.monotonic() - said > _LOG_EVERY:
                 said = time.monotonic()
                 typer.echo(f"{words}; {_time_left(now, said - begin)} left", err=True)
 
@@ -214,8 +216,10 @@ def _size(count: float) -> str:
 def _print_result(
     plan: "Plan", store: "Store", result: "SweepResult", study: Path, *, as_json: bool
 ) -> None:
+    from pourcast.sweep.table import write_judgments
+
     missing = int(result.table["judgment"].isna().sum())
-    path = _write_judgments(study / "judgments", plan.grid.name, result.table, missing)
+    path = write_judgments(study / "judgments", plan.grid.name, result.table)
     if as_json:
         facts = {name: value for name, value in vars(result).items() if name != "table"}
         facts["failures"] = [asdict(failure) for failure in result.failures]
@@ -243,18 +247,6 @@ def _print_result(
             err=True,
         )
         raise typer.Exit(1)
-
-
-def _write_judgments(folder: Path, name: str, table: Any, missing: int) -> Path:
-    """Write the table; one that lacks judgments never takes the place of a whole one."""
-    from pourcast.judgments import write_table
-
-    whole, incomplete = folder / f"{name}.parquet", folder / f"{name}-incomplete.parquet"
-    path = incomplete if missing else whole
-    write_table(path, table)
-    if not missing:
-        incomplete.unlink(missing_ok=True)
-    return path
 
 
 def _print_statuses(statuses: "list[Status]", *, as_json: bool) -> None:

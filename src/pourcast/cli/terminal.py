@@ -13,17 +13,26 @@ class InterruptedWorkError(Exception):
 
 
 @contextmanager
-def progress_bar() -> Iterator[Any]:
-    """Progress bar on stderr, if that is a terminal; yields report(what, done, all)."""
+def bar_on_stderr(*columns: Any) -> Iterator[Any]:
+    """A rich progress bar on stderr; `disable` is set on it if that is no terminal."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
+    from rich.progress import Progress
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
     console = Console(stderr=True)
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
     ) as bar:
+        yield bar
+
+
+@contextmanager
+def progress_bar() -> Iterator[Any]:
+    """Progress bar on stderr, if that is a terminal; yields report(what, done, all)."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
+    with bar_on_stderr(*columns) as bar:
         task = bar.add_task("starting", total=None)
 
         def report(what: str, done: int, total: int) -> None:

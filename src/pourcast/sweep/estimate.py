@@ -43,16 +43,16 @@ class Part:
         What they are.
     spans
         Where they are in the plan.
-    simulations
-        Their number.
     seconds
         Rough work [s of one core].
+    simulations
+        Their number.
     """
 
     group: Group
     spans: tuple[Span, ...]
-    simulations: int
     seconds: float
+    simulations: int
 
     @property
     def cells(self) -> int:
@@ -66,13 +66,7 @@ def parts_of(plan: Plan, shards: Sequence[Shard]) -> list[Part]:
     for shard in shards:
         for span in shard.spans:
             spans[plan.settings[span.setting].group].append(span)
-    parts = []
-    for group, members in spans.items():
-        rows = [(span.stop - span.start, plan.row_of(span.setting)) for span in members]
-        simulations = sum(count * row.simulations for count, row in rows)
-        seconds = sum(count * row.seconds for count, row in rows)
-        parts.append(Part(group, tuple(members), simulations, seconds))
-    return parts
+    return [Part(group, tuple(members), *plan.work_in(members)) for group, members in spans.items()]
 
 
 def measure(
@@ -105,8 +99,7 @@ def measure(
     for pick, place in zip(picks, which, strict=True):
         scene = part.spans[place].start + int(pick - (ends[place] - sizes[place]))
         spans.append(Span(part.spans[place].setting, scene, scene + 1))
-    rows = [plan.row_of(span.setting) for span in spans]
-    simulations, expected = sum(r.simulations for r in rows), sum(r.seconds for r in rows)
+    expected, simulations = plan.work_in(spans)
     task = task_of(plan, Shard("", 0, tuple(spans), expected, simulations), Path())
     start = time.perf_counter()
     compute(task, threads=threads)

@@ -7,7 +7,7 @@ import itertools
 import math
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
@@ -228,11 +228,3 @@ def _check(entry: GridModels) -> None:
     size *= len(entry.liquids) * len(entry.seeds)
     if size > MAX_MODELS:
         raise InputError(f"{size} combinations of parameters; at most {MAX_MODELS} can be swept")
-
-
-def parameter_names(models: Iterator[Model] | list[Model]) -> list[str]:
-    """Names of the parameters of some models, each once, in their order."""
-    names: dict[str, None] = {}
-    for model in models:
-        names.update(dict.fromkeys(entry.name for entry in fields(model)))
-    return list(names)

@@ -205,14 +205,16 @@ class Plan:
     def _identified(self, number: int, spans: Sequence[Span]) -> Shard:
         spans = sorted(spans)
         name = hashlib.sha256(self._engine)
-        seconds, simulations = 0.0, 0
         for setting, start, stop in spans:
             name.update(self._setting_digests[setting])
             name.update("".join(self.scene_digests[start:stop]).encode())
-            row = self.row_of(setting)
-            seconds += (stop - start) * row.seconds
-            simulations += (stop - start) * row.simulations
-        return Shard(name.hexdigest()[:20], number, tuple(spans), seconds, simulations)
+        return Shard(name.hexdigest()[:20], number, tuple(spans), *self.work_in(spans))
+
+    def work_in(self, spans: Sequence[Span]) -> tuple[float, int]:
+        """Rough work [s of one core] and number of simulations in some spans."""
+        rows = [(span.stop - span.start, self._row_of[span.setting]) for span in spans]
+        seconds = sum(count * row.seconds for count, row in rows)
+        return seconds, sum(count * row.simulations for count, row in rows)
 
     @cached_property
     def _engine(self) -> bytes:
@@ -225,10 +227,6 @@ class Plan:
     @cached_property
     def _row_of(self) -> dict[int, Row]:
         return {row.setting: row for row in self.rows}
-
-    def row_of(self, setting: int) -> Row:
-        """A row of a setting: what one scene costs."""
-        return self._row_of[setting]
 
     def without(self, shard: Shard, done: DoneScenes) -> Shard | None:
         """What is left of a shard when some of it is done elsewhere; None if nothing is."""

@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pourcast.sweep.grid import parameter_names
+from pourcast.judgments import write_table
 from pourcast.sweep.plan import Answer, Plan
 from pourcast.sweep.store import Store
 from pourcast.sweep.survey import places
@@ -99,7 +99,7 @@ def judged(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
         | {"judgment": np.concatenate(judgments)}
     )
     models = [answer.asked.model for answer in plan.answers]
-    for name in parameter_names(models):
+    for name in dict.fromkeys(name for model in models for name in model.parameters()):
         title = f"model_{name}" if name in COLUMNS else name
         table[title] = np.repeat(_column([getattr(model, name, None) for model in models]), sizes)
     return table
@@ -121,3 +121,29 @@ def _mean(
     chosen = np.ascontiguousarray(values[list(answer.settings)][:, scenes].T)
     mean: NDArray[np.float64] = chosen.mean(axis=1)
     return mean
+
+
+def write_judgments(folder: Path, name: str, table: pd.DataFrame) -> Path:
+    """Write a grid's table; one that lacks judgments never takes the place of a whole one.
+
+    Parameters
+    ----------
+    folder
+        Where to.
+    name
+        Name of the grid.
+    table
+        From `gather`.
+
+    Returns
+    -------
+    Path
+        ``NAME.parquet``, or ``NAME-incomplete.parquet`` if judgments are missing.
+    """
+    whole, incomplete = folder / f"{name}.parquet", folder / f"{name}-incomplete.parquet"
+    if table["judgment"].isna().any():
+        write_table(incomplete, table)
+        return incomplete
+    write_table(whole, table)
+    incomplete.unlink(missing_ok=True)
+    return whole

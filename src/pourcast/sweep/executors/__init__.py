@@ -19,11 +19,6 @@ in shards that are not finished, if they can tell: simulations, and rough work [
 class Executor(Protocol):
     """A place where shards are done."""
 
-    @property
-    def workers(self) -> int:
-        """Shards that are done at a time, as far as is known."""
-        ...
-
     def run(self, tasks: Iterable[ShardTask], heartbeat: Heartbeat) -> Iterator[ShardResult]:
         """Do shards, and yield what became of each, as they end."""
         ...

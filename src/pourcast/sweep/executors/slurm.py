@@ -45,7 +45,6 @@ class SlurmExecutor:
     """
 
     def __init__(self, folder: Path, workers: int, options: Mapping[str, Any], source: str) -> None:
-        self.workers = workers
         # A name of its own, by which its jobs can be cancelled whenever it is interrupted.
         self._name = f"{options.get('job_name', 'pourcast')}-{secrets.token_hex(4)}"
         submitit = optional_module("submitit", "cluster")
@@ -78,8 +77,10 @@ class SlurmExecutor:
                 continue
             asked = time.monotonic()
             known = _known_tasks({job.job_id.partition("_")[0] for job in waiting})
-            for job in list(waiting) if known is not None else []:
-                if job.job_id in (known or ()):
+            if known is None:
+                continue
+            for job in list(waiting):
+                if job.job_id in known:
                     missing_since.pop(job, None)
                 elif asked - missing_since.setdefault(job, asked) > _LOST_AFTER:
                     yield from _lost(job, waiting.pop(job))
@@ -118,8 +119,7 @@ def _lost(job: Any, tasks: list[ShardTask], reason: str = "") -> list[ShardResul
     return [ShardResult(task.shard.id, "lost", message) for task in tasks]
 
 
-def _last_line(text: str | bytes | None) -> str:
-    text = text.decode(errors="replace") if isinstance(text, bytes) else text or ""
+def _last_line(text: str) -> str:
     lines = [line.strip(" -") for line in text.splitlines() if line.strip(" -")]
     return lines[-1] if lines else "no reason given"
 
