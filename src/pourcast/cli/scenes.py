@@ -33,6 +33,10 @@ class ForeignFormat(StrEnum):
     SPLISHSPLASH = "splishsplash"
 
 
+ExperimentArgument = Annotated[Experiment, typer.Argument(help="exp1: basins; exp2: cup.")]
+CountOption = Annotated[
+    int | None, typer.Option("-n", "--scenes", min=1, help="How many [120 or 60].")
+]
 CandidatesOption = Annotated[
     int, typer.Option(min=1, help="exp2: size of the pool that the scenes are chosen from.")
 ]
@@ -40,11 +44,9 @@ CandidatesOption = Annotated[
 
 @app.command()
 def scenes(
-    experiment: Annotated[Experiment, typer.Argument(help="exp1: basins; exp2: cup.")],
+    experiment: ExperimentArgument,
     out: Annotated[Path, typer.Option("--output", "-o", help="Scene file to write (.json).")],
-    count: Annotated[
-        int | None, typer.Option("-n", "--scenes", min=1, help="How many [120 or 60].")
-    ] = None,
+    count: CountOption = None,
     seed: SeedOption = 0,
     candidates: CandidatesOption = 1000,
     as_json: JsonOption = False,
@@ -92,11 +94,9 @@ def _print_selection(selection: Any, path: Path, *, as_json: bool) -> None:
 
 @app.command()
 def new(
-    experiment: Annotated[Experiment, typer.Argument(help="exp1: basins; exp2: cup.")],
+    experiment: ExperimentArgument,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make.")],
-    count: Annotated[
-        int | None, typer.Option("-n", "--scenes", min=1, help="How many [120 or 60].")
-    ] = None,
+    count: CountOption = None,
     seed: SeedOption = 0,
     candidates: CandidatesOption = 1000,
     as_json: JsonOption = False,
