@@ -30,6 +30,8 @@ from pourcast.files import check_writable, replacing, write_text
 
 _CHECKSUM_DIGITS = 16
 _READERS = 8
+_READ_AT_ONCE = 200
+_BLOCK_BYTES = 2**20
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 
 SCHEMA = pa.schema(
@@ -137,13 +139,9 @@ class Store:
         """Files among these, or of their trajectories, whose checksum is wrong."""
         found = self.trajectory_paths()
         files = [*paths.items(), *((shard, found[shard]) for shard in found.keys() & paths.keys())]
+        batches = (files[k : k + _READ_AT_ONCE] for k in range(0, len(files), _READ_AT_ONCE))
         with ThreadPoolExecutor(_READERS) as pool:
-            reasons = pool.map(_what_is_wrong, (path for _, path in files))
-            return [
-                Damage(shard, path, reason)
-                for (shard, path), reason in zip(files, reasons, strict=True)
-                if reason
-            ]
+            return [damage for found in pool.map(_damaged, batches) for damage in found]
 
     def discard(self, damage: Damage) -> None:
         """Remove a damaged file, and its shard's table, so that the shard is done again."""
@@ -267,12 +265,19 @@ def _checksum_in(path: Path) -> str:
     return path.name.partition("-")[2].partition(".")[0]
 
 
+def _damaged(files: Iterable[tuple[str, Path]]) -> list[Damage]:
+    wrong = ((shard, path, _what_is_wrong(path)) for shard, path in files)
+    return [Damage(shard, path, reason) for shard, path, reason in wrong if reason]
+
+
 def _what_is_wrong(path: Path) -> str:
     """What is wrong with a file; nothing, if its checksum is right."""
+    checksum = hashlib.sha256()
     try:
-        with path.open("rb") as stream:
-            checksum = hashlib.file_digest(stream, "sha256").hexdigest()[:_CHECKSUM_DIGITS]
-        if checksum == _checksum_in(path):
+        with path.open("rb", buffering=0) as stream:
+            while block := stream.read(_BLOCK_BYTES):
+                checksum.update(block)
+        if checksum.hexdigest()[:_CHECKSUM_DIGITS] == _checksum_in(path):
             return ""
         return "its checksum is wrong" if path.stat().st_size else "empty"
     except FileNotFoundError:
