@@ -31,7 +31,7 @@ _GIF_STRIDE = 2
 _HOLD_SECONDS = 1.0
 _CELL = 0.006
 _OBSTACLE, _GOAL, _BACKGROUND = "#5b6470", "#a3684f", "#f7f7f4"
-_COLOURS = {"water": (0.16, 0.47, 0.80), "honey": (0.87, 0.58, 0.05)}
+COLOURS = {"water": (0.16, 0.47, 0.80), "honey": (0.87, 0.58, 0.05)}
 _MARBLE = (0.45, 0.30, 0.62)
 
 
@@ -76,11 +76,11 @@ def imagine(scene: Scene, spec: str, liquid: Liquid, seed: int = 0) -> Imagined:
             frames=outcome.frames,
             paths=[],
             spacing=typical.spacing,
-            colour=_MARBLE if marbles else _COLOURS[kind],
+            colour=_MARBLE if marbles else COLOURS[kind],
             marbles=marbles,
         )
     judgment = float(model.judge([scene], liquid, seed)[0])
-    return Imagined(spec, judgment, None, _paths(model, scene, seed), 0.0, _COLOURS["water"])
+    return Imagined(spec, judgment, None, _paths(model, scene, seed), 0.0, COLOURS["water"])
 
 
 def _paths(model: Model, scene: Scene, seed: int) -> list[NDArray[np.float64]]:
@@ -165,7 +165,8 @@ def draw_scene(axes: Any, scene: Scene) -> list[PolyCollection]:
     ]
 
 
-def _draw_start(axes: Any, scene: Scene, colour: tuple[float, float, float]) -> None:
+def draw_start(axes: Any, scene: Scene, colour: tuple[float, float, float]) -> None:
+    """Draw the liquid in its starting position."""
     diameter = scene.liquid.diameter
     axes.add_collection(
         EllipseCollection(
@@ -175,7 +176,7 @@ def _draw_start(axes: Any, scene: Scene, colour: tuple[float, float, float]) -> 
     )  # fmt: skip
 
 
-def _draw_paths(axes: Any, one: Imagined, share: float) -> None:
+def draw_paths(axes: Any, one: Imagined, share: float) -> None:
     """Draw the paths as far as a share of the longest one's length."""
     longest = max((path_length(path) for path in one.paths), default=0.0)
     paths = [path_until(path, share * longest) for path in one.paths]
@@ -240,7 +241,7 @@ def liquid_image(
     return np.dstack([np.broadcast_to(colour, (*alpha.shape, 3)), alpha])
 
 
-def _put_liquid(axes: Any, scene: Scene, imagined: Imagined, frame: int) -> Any:
+def draw_liquid(axes: Any, scene: Scene, imagined: Imagined, frame: int) -> Any:
     """Draw one moment; returns the artist, for `_move_liquid`."""
     assert imagined.frames is not None
     position = imagined.frames[frame]
@@ -276,7 +277,7 @@ def moments_figure(scene: Scene, imagined: Sequence[Imagined]) -> Figure:
         figure = Figure(figsize=(3.2, 3.2 * aspect + 0.3), layout="constrained")
         axes = figure.add_subplot()
         draw_scene(axes, scene)
-        _draw_start(axes, scene, _COLOURS["water"])
+        draw_start(axes, scene, COLOURS["water"])
         axes.set_title(scene.id, fontsize=9)
         return figure
     rows = len(imagined)
@@ -286,11 +287,11 @@ def moments_figure(scene: Scene, imagined: Sequence[Imagined]) -> Figure:
         for column, axes in enumerate(row):
             draw_scene(axes, scene)
             if one.frames is None:
-                _draw_start(axes, scene, one.colour)
-                _draw_paths(axes, one, column / (MOMENTS - 1))
+                draw_start(axes, scene, one.colour)
+                draw_paths(axes, one, column / (MOMENTS - 1))
                 continue
             frame = round(column * (len(one.frames) - 1) / (MOMENTS - 1))
-            _put_liquid(axes, scene, one, frame)
+            draw_liquid(axes, scene, one, frame)
             axes.set_xlabel(f"{frame / FRAME_RATE:.2f} s", fontsize=8)
         row[0].set_title(f"{one.name}", fontsize=9, loc="left")
         row[-1].set_title(f"J = {one.judgment:.2f}", fontsize=9, loc="right")
@@ -342,10 +343,10 @@ def _film_figure(
         solids += draw_scene(axes, scene)
         axes.set_title(f"{one.name}\nJ = {one.judgment:.2f}", fontsize=9)
         if one.frames is None:
-            _draw_start(axes, scene, one.colour)
-            _draw_paths(axes, one, 1.0)
+            draw_start(axes, scene, one.colour)
+            draw_paths(axes, one, 1.0)
         else:
-            moving.append((_put_liquid(axes, scene, one, 0), one))
+            moving.append((draw_liquid(axes, scene, one, 0), one))
     return figure, moving, solids
 
 

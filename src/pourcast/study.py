@@ -78,6 +78,33 @@ def new_study(folder: Path, request: SceneRequest, report: Report | None = None)
     return selection
 
 
+def open_study(folder: Path, request: SceneRequest, report: Report | None = None) -> list[Scene]:
+    """Scenes of a study that was made by the same request, or of a fresh one.
+
+    Parameters
+    ----------
+    folder
+        The folder; must not exist, be empty, or hold a study of just this request, whole or not.
+    request
+        The scenes wanted.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If the folder holds anything else, or can't be written.
+    """
+    told = folder / "study.toml"
+    if not told.is_file():
+        return new_study(folder, request, report).scenes
+    if told.read_text(encoding="utf-8") != _study_toml(request):
+        raise InputError(f"{told}: the study was made with other settings; choose another folder")
+    if not (folder / "scenes.json").is_file():
+        write_scenes(folder / "scenes.json", generate_scenes(request, report).scenes)
+    return read_scenes(folder / "scenes.json")
+
+
 def _study_toml(request: SceneRequest) -> str:
     lines = [
         "# A pourcast study. Every command takes this folder in place of a scene file.",

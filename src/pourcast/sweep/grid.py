@@ -171,7 +171,7 @@ def read_grid(name_or_path: str) -> Grid:
     Examples
     --------
     >>> sum(1 for _ in read_grid("quick").asked())
-    290
+    324
     """
     if name_or_path in grid_names():
         resource = files("pourcast.sweep").joinpath("grids", f"{name_or_path}.toml")

@@ -1,0 +1,279 @@
+"""A study's people and models, compared: everything that `compare` prints and `report` shows."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pandas as pd
+
+from pourcast.analysis import agreement, choice, window
+from pourcast.analysis.agreement import Compared, Individuals, Settings, short_liquid
+from pourcast.analysis.judged import Judged, judge_in_study, read_judged
+from pourcast.compare.reliability import FEWEST_PARTICIPANTS
+from pourcast.errors import InputError
+from pourcast.model import presets
+from pourcast.responses import Exclusion, arrange, exclude, read_responses, remarks
+from pourcast.scene import Scene
+from pourcast.study import load_scenes
+from pourcast.sweep.run import SweepProgress
+
+Report = Callable[[str, int, int], None]
+"""Called with what is going on, how much of it is done, and how much there is."""
+
+RESPONSES = "responses"
+"""Folder of a study that holds tables of responses."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be compared.
+
+    Parameters
+    ----------
+    responses
+        Table of responses; by default the only one in the study's folder.
+    models
+        Model specs; the paper's presets by default.
+    percent
+        The responses are 0..100.
+    exclude
+        Rules; see `responses.exclude`.
+    settings
+        How intervals are made.
+    carried
+        A `choice_table` of another experiment, to be carried over unchanged.
+    """
+
+    responses: Path | None = None
+    models: tuple[str, ...] = ()
+    percent: bool = False
+    exclude: tuple[str, ...] = ()
+    settings: Settings = field(default_factory=Settings)
+    carried: pd.DataFrame | None = None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """People and models, compared.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    scenes
+        Its scenes.
+    source
+        File of the responses, and its SHA-256.
+    simulated
+        Whether any of the responses are simulated.
+    settings
+        How intervals are made.
+    compared
+        People and models, one for each liquid.
+    judged
+        All judgments that were swept.
+    exclusions, remarks
+        What was taken out, and what else a reader should know of the data.
+    individuals
+        Single participants against chance.
+    tables
+        Name -> table; see `TABLES`.
+    """
+
+    study: Path
+    scenes: tuple[Scene, ...]
+    source: tuple[Path, str]
+    simulated: bool
+    settings: Settings
+    compared: tuple[Compared, ...]
+    judged: Judged
+    exclusions: tuple[Exclusion, ...]
+    remarks: tuple[str, ...]
+    individuals: Individuals
+    tables: dict[str, pd.DataFrame]
+
+
+TABLES = {
+    "agreement": "Agreement of each model with people's mean judgments",
+    "intervals": "Correlations, with intervals over participants, scenes, and both",
+    "differences": "Differences in r between models, on the same resamples",
+    "reliability": "Reliability of people's mean judgments, and the noise ceiling",
+    "chance": "Single participants against chance",
+    "participants": "Participants",
+    "choice": "Parameters chosen on these responses, by the paper's procedure",
+    "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
+    "carried": "Parameters chosen in another experiment, carried over unchanged",
+    "variance": "Variance of deterministic judgments over the window of dampings",
+    "variance_tests": "Unpaired t-tests between these variances",
+    "scores": "Correlation of every swept candidate",
+    "judgments": "People's means and models' judgments, scene by scene",
+}
+"""Tables of a comparison, and what they say; those that the data can't fill are left out."""
+
+
+def find_responses(study: Path) -> Path:
+    """The study's only table of responses.
+
+    Raises
+    ------
+    InputError
+        If there is none, or more than one.
+    """
+    there = sorted(
+        path for path in (study / RESPONSES).glob("*") if path.suffix in (".csv", ".parquet")
+    )
+    if not there:
+        raise InputError(
+            f"{study / RESPONSES}: no table of responses; give one with --responses FILE, or "
+            "rehearse with `pourcast experiment simulate`"
+        )
+    if len(there) > 1:
+        names = ", ".join(path.name for path in there)
+        raise InputError(f"{study / RESPONSES}: more than one table ({names}); use --responses")
+    return there[0]
+
+
+def sweep_words(report: Report | None, what: str) -> Callable[[SweepProgress], None] | None:
+    """Tell of a sweep as of any other work."""
+    if report is None:
+        return None
+    return lambda now: report(what, now.simulations, now.all_simulations)
+
+
+def compare_study(study: Path, request: Request, report: Report | None = None) -> Comparison:
+    """Compare a study's models with people.
+
+    Judgments that are not there yet are simulated, through the study's store.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    request
+        What is to be compared.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If the study, the responses or a model is wrong; names file, row and column.
+    StoreError
+        If judgments could not be made.
+    """
+    if not study.is_dir():
+        raise InputError(f"{study}: expected a study folder; `pourcast new` makes one")
+    scenes = load_scenes(study)
+    path = request.responses or find_responses(study)
+    settings = request.settings
+    table = read_responses(path, scenes, percent=request.percent)
+    table, exclusions = exclude(table, request.exclude)
+    trials = arrange(table, scenes, str(path))
+    for one in trials:
+        if len(one.scenes) < agreement.FEWEST_SCENES:
+            raise InputError(
+                f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
+                f"least {agreement.FEWEST_SCENES}"
+            )
+    specs = list(request.models or presets())
+    carried = [] if request.carried is None else list(request.carried["spec"])
+    wanted = [
+        (short_liquid(one.liquid), spec)
+        for one in trials
+        for spec in dict.fromkeys([*specs, *carried])
+    ]
+    found = judge_in_study(study, scenes, wanted, "compare", report=sweep_words(report, "judging"))
+    place = {scene.id: k for k, scene in enumerate(scenes)}
+
+    def compared(names: Sequence[str]) -> tuple[Compared, ...]:
+        return tuple(
+            Compared(
+                one,
+                {
+                    spec: found[short_liquid(one.liquid), spec][[place[s.id] for s in one.scenes]]
+                    for spec in names
+                },
+            )
+            for one in trials
+        )
+
+    judged = read_judged(study, scenes)
+    people = compared(specs)
+    individuals = agreement.individuals(people, settings)
+    tables = _tables(people, judged, settings, individuals, report)
+    if request.carried is not None:
+        tables["carried"] = choice.carried_table(compared(carried), request.carried, settings)
+    return Comparison(
+        study=study,
+        scenes=tuple(scenes),
+        source=(path, hashlib.sha256(path.read_bytes()).hexdigest()),
+        simulated=bool(table["simulated"].any()),
+        settings=settings,
+        compared=people,
+        judged=judged,
+        exclusions=tuple(exclusions),
+        remarks=(*remarks(trials, scenes), *_missing(tables)),
+        individuals=individuals,
+        tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
+    )
+
+
+def _tables(
+    people: Sequence[Compared],
+    judged: Judged,
+    settings: Settings,
+    individuals: Individuals,
+    report: Report | None,
+) -> dict[str, pd.DataFrame]:
+    trials = [one.trials for one in people]
+    sets = choice.candidates(judged, trials)
+    variances = window.window_variances(judged, trials[0].liquid, settings)
+    steps: dict[str, Callable[[], pd.DataFrame]] = {
+        "agreement": lambda: _stacked(agreement.agreement_table, people, settings),
+        "intervals": lambda: _stacked(agreement.intervals_table, people, settings),
+        "differences": lambda: _stacked(agreement.differences_table, people, settings),
+        "reliability": lambda: agreement.reliability_table(trials, settings),
+        "chance": individuals.summary,
+        "participants": lambda: individuals.table,
+        "choice": lambda: choice.choice_table(sets, settings),
+        "cross_validation": lambda: choice.cross_validation_table(sets, settings),
+        "variance": lambda: window.variance_table(variances),
+        "variance_tests": lambda: window.variance_tests(variances),
+        "scores": lambda: choice.scores_table(sets),
+        "judgments": lambda: agreement.people_table(people),
+    }
+    tables = {}
+    for done, (name, make) in enumerate(steps.items()):
+        if report is not None:
+            report(f"comparing: {name}", done, len(steps))
+        tables[name] = make()
+    return tables
+
+
+def _stacked(
+    make: Callable[[Compared, Settings], pd.DataFrame],
+    people: Sequence[Compared],
+    settings: Settings,
+) -> pd.DataFrame:
+    return pd.concat([make(one, settings) for one in people], ignore_index=True)
+
+
+def _missing(tables: dict[str, pd.DataFrame]) -> list[str]:
+    """What could not be computed, and why."""
+    found = []
+    if tables["choice"].empty:
+        found.append(
+            "no parameters were chosen: no grid was swept (`pourcast sweep STUDY --grid quick`)"
+        )
+    elif tables["cross_validation"].empty:
+        found.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
+    small = tables["reliability"]
+    if "split_half" in small:
+        small = small[small["split_half"].isna()]
+    found += [
+        f"{row.liquid}: no split-half reliability: {row.participants} participants, "
+        f"at least {FEWEST_PARTICIPANTS} are needed"
+        for row in small.itertuples()
+    ]
+    return found

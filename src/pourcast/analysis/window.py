@@ -1,0 +1,67 @@
+"""How much deterministic judgments vary over the window of dampings, condition by condition."""
+
+import itertools
+from collections.abc import Mapping
+
+import pandas as pd
+
+from pourcast.analysis.agreement import Settings
+from pourcast.analysis.judged import Judged
+from pourcast.compare.variance import WindowVariance, unpaired_t, window_variance
+from pourcast.model import make_model, presets, zeta_window
+
+CONDITIONS = ("water-ife", "honey-ife-1", "honey-ife-2")
+"""Models whose windows are looked at: the paper's three IFEs."""
+
+
+def window_variances(
+    judged: Judged, liquid: str, settings: Settings, models: Mapping[str, str] | None = None
+) -> dict[str, WindowVariance]:
+    """Variance over each model's window, from its deterministic judgments (sigma = 0).
+
+    Parameters
+    ----------
+    judged
+        Judgments; a model whose deterministic ones are not all known is left out.
+    liquid
+        Liquid of the trials under which to look (any will do, as the liquid is in the head).
+    settings
+        Seed and level.
+    models
+        Name -> spec; the paper's three IFEs by default.
+    """
+    found = {}
+    for number, (name, spec) in enumerate((models or {n: n for n in CONDITIONS}).items()):
+        model = make_model(spec)
+        values = model.parameters()
+        window = zeta_window(values["damping_zeta"], values["zeta_sigma"])
+        family = presets()[name]["model"] if name in presets() else "ife"
+        fixed = {
+            "liquid": liquid, "family": family, "head": values["liquid"],
+            "n_particles": values["n_particles"], "zeta_sigma": 0,
+            "viscosity_alpha": values["viscosity_alpha"] or "own",
+        }  # fmt: skip
+        rows = [judged.where(**fixed, damping_zeta=zeta) for zeta in window]
+        if all(len(row) for row in rows):
+            places = [int(row[0]) for row in rows]
+            found[name] = window_variance(judged.judgments[places], settings.rng(6, number))
+    return found
+
+
+def variance_table(variances: Mapping[str, WindowVariance]) -> pd.DataFrame:
+    """A row a condition: `mean` variance over the scenes, and its interval, scenes resampled."""
+    return pd.DataFrame(
+        [
+            {"model": name, "variance": v.mean, "low": v.low, "high": v.high, "resampled": "scenes"}
+            for name, v in variances.items()
+        ]
+    )
+
+
+def variance_tests(variances: Mapping[str, WindowVariance]) -> pd.DataFrame:
+    """Unpaired t-tests between the conditions, as in the paper."""
+    rows = []
+    for first, second in itertools.combinations(variances, 2):
+        t, df, p = unpaired_t(variances[first].per_scene, variances[second].per_scene)
+        rows.append({"model": first, "rival": second, "t": t, "df": df, "p": p})
+    return pd.DataFrame(rows)

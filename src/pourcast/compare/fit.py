@@ -1,0 +1,87 @@
+"""Choosing parameters by correlation: optima, ties, flat optima, cross-validation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pourcast.compare.bootstrap import LEVEL, interval
+
+Array = NDArray[np.float64]
+
+_TIE = 1e-9
+
+
+def profile(scores: Array, levels: NDArray[np.int64]) -> Array:
+    """Best score at each level of one parameter, whatever the others are.
+
+    Parameters
+    ----------
+    scores
+        Shape [..., candidate_count]; NaN counts as worst.
+    levels
+        Level of each candidate, 0, 1, ..., shape [candidate_count].
+
+    Returns
+    -------
+    ndarray
+        Shape [..., level_count].
+
+    Examples
+    --------
+    >>> profile(np.array([0.2, 0.9, 0.5, 0.4]), np.array([0, 0, 1, 1])).tolist()
+    [0.9, 0.5]
+    """
+    scores = np.where(np.isnan(scores), -np.inf, scores)
+    count = int(levels.max()) + 1
+    return np.stack([scores[..., levels == level].max(axis=-1) for level in range(count)], axis=-1)
+
+
+def tied(scores: Array) -> list[int]:
+    """Candidates with the best score, to the last digits; none if all are NaN."""
+    if np.isnan(scores).all():
+        return []
+    return np.flatnonzero(scores >= np.nanmax(scores) - _TIE).tolist()
+
+
+def flat(resampled: Array, best: int, level: float = LEVEL) -> NDArray[np.bool_]:
+    """Which candidates can't be told from the best: the interval of the difference holds 0.
+
+    Parameters
+    ----------
+    resampled
+        Correlations in each resample, shape [resample_count, candidate_count].
+    best
+        Number of the best candidate.
+    level
+        Of the intervals of the paired differences.
+    """
+    low, high = interval(resampled[:, [best]] - resampled, level)
+    inside: NDArray[np.bool_] = (low <= 0.0) & (high >= 0.0)
+    inside[best] = True
+    return inside
+
+
+@dataclass(frozen=True)
+class Halvings:
+    """Scenes halved at random, many times: weights of shape [halving_count, scene_count]."""
+
+    train: Array
+    test: Array
+
+
+def halve_scenes(count: int, halvings: int, rng: np.random.Generator) -> Halvings:
+    """Halve scenes, for choosing parameters on the one half and scoring them on the other.
+
+    Parameters
+    ----------
+    count
+        Number of scenes.
+    halvings
+        How many times.
+    rng
+        Source of randomness.
+    """
+    ranks = rng.random((halvings, count)).argsort(axis=1).argsort(axis=1)
+    train = (ranks < count // 2).astype(float)
+    return Halvings(train, 1.0 - train)

@@ -1,0 +1,1 @@
+"""Experiments: who answers, and in what form the answers are kept."""

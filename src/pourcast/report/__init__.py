@@ -1,0 +1,1 @@
+"""Figures, published values, and the report: one HTML page that needs nothing else."""

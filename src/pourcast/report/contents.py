@@ -1,0 +1,258 @@
+"""What a report shows: figures with their captions, films, and what the design could tell apart."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pourcast.analysis.agreement import Compared, short_liquid
+from pourcast.analysis.comparison import Comparison
+from pourcast.analysis.design import (
+    along,
+    model_recovery_table,
+    parameter_recovery_table,
+    power_table,
+)
+from pourcast.compare.correlation import mean_judgments
+from pourcast.compare.observer import Population
+from pourcast.errors import InputError
+from pourcast.pictures import show
+from pourcast.report.figures import design, fits, models, people, scenes
+from pourcast.scene import Scene
+
+Report = Callable[[str, int, int], None]
+"""Called with what is going on, how much of it is done, and how much there is."""
+
+BEST_IFE = {"water": "water-ife", "honey": "honey-ife-2"}
+"""The paper's best model of each liquid's trials."""
+
+POWER_OBSERVERS = (5, 10, 20, 40)
+POWER_SCENES = (12, 30, 60, 120)
+
+CAPTIONS = {
+    "stimuli": "Some of the scenes, as they are seen at first.",
+    "against_null": "Participants' correlations with the ground truth, beside those of responses "
+    "drawn from a beta distribution fitted to all responses; two-sample Kolmogorov-Smirnov.",
+    "correlations": "Correlation of each model with people's mean judgments; lines: 95 % "
+    "intervals; diamonds: published values.",
+    "best": "The best model of each family, {liquid} trials; a dot a scene.",
+    "differences": "Who beats whom, {liquid} trials.",
+    "zeta_profiles": "Correlation with people along the damping, other parameters as chosen; "
+    "dots: the choice.",
+    "alpha_zeta": "Correlation of the uncertain IFE with people by viscosity and damping; "
+    "circle: the best.",
+    "particle_engine": "The Intuitive Fluids Engine: smoothing kernel, and one moment with few "
+    "particles and with many.",
+    "heuristics": "Models without a liquid: paths of the gravity heuristic and of SimpleSim, and "
+    "marbles.",
+    "model_recovery": "Model recovery, {liquid} trials: each model was planted in simulated "
+    "observers; which one fits them best?",
+    "power": "Power, {liquid} trials: chance that {first}, if it is in people's heads, is told "
+    "from {second} (95 % interval of the difference in r, participants and scenes resampled).",
+    "zeta_recovery": "Recovery of zeta, {liquid} trials: each damping of {first} was planted in "
+    "simulated observers; which one fits them best?",
+}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A figure of the report.
+
+    Parameters
+    ----------
+    name
+        Its file, without extension.
+    section
+        Where it stands.
+    caption
+        What it shows.
+    figure
+        The figure.
+    of_people
+        Whether people's or observers' answers are in it.
+    raster
+        Whether the page holds the PNG rather than the SVG.
+    table
+        Numbers that it shows, if no other table has them.
+    """
+
+    name: str
+    section: str
+    caption: str
+    figure: Figure
+    of_people: bool = True
+    raster: bool = False
+    table: pd.DataFrame | None = None
+
+
+@dataclass(frozen=True)
+class Film:
+    """A scene of the gallery."""
+
+    scene: str
+    liquid: str
+    why: str
+    models: tuple[str, ...]
+    path: Path
+
+
+def experiment_of(found: tuple[Scene, ...]) -> str:
+    """``exp1`` for scenes with basins, ``exp2`` for those with a cup."""
+    return "exp1" if found[0].goal.kind == "basins" else "exp2"
+
+
+def figures(comparison: Comparison) -> Iterator[Shown]:
+    """All figures of a comparison, in the order of the page."""
+    tables, experiment = comparison.tables, experiment_of(comparison.scenes)
+
+    def drawn(name: str, section: str, figure: Figure, liquid: str = "", **more: Any) -> Shown:
+        file = f"{name}_{liquid}" if liquid else name
+        return Shown(file, section, CAPTIONS[name].format(liquid=liquid), figure, **more)
+
+    look: dict[str, Any] = {"of_people": False, "raster": True}
+    yield drawn("stimuli", "stimuli", scenes.stimuli(comparison.scenes), **look)
+    if comparison.individuals.against:
+        yield drawn("against_null", "people", people.against_null(comparison.individuals))
+    yield drawn("correlations", "models", models.correlations(tables["agreement"], experiment))
+    for one in comparison.compared:
+        short = short_liquid(one.trials.liquid)
+        best = models.best_of_each_family(one)
+        yield drawn("best", "models", models.scatter(one, best), short)
+        if len(one.models) > 1:
+            matrix = models.differences(tables["differences"], one.trials.liquid)
+            yield drawn("differences", "models", matrix, short)
+    if "choice" in tables and "damping_zeta" in tables["choice"]:
+        profiles = fits.zeta_profiles(tables["scores"], tables["choice"])
+        yield drawn("zeta_profiles", "parameters", profiles)
+    if "scores" in tables and "viscosity_alpha" in tables["scores"]:
+        yield drawn("alpha_zeta", "parameters", fits.alpha_zeta(tables["scores"]))
+    example = comparison.scenes[0]
+    yield drawn("particle_engine", "explained", scenes.particle_engine(example), **look)
+    yield drawn("heuristics", "explained", scenes.heuristics(example), **look)
+
+
+def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterator[Shown]:
+    """What this design could have told apart, with observers as many as there were.
+
+    Parameters
+    ----------
+    comparison
+        From `analysis.comparison.compare_study`.
+    studies
+        Simulated for each case.
+    tell
+        Told of the progress.
+    """
+    common: dict[str, Any] = {
+        "studies": studies, "population": Population(), "seed": comparison.settings.seed,
+        "report": tell,
+    }  # fmt: skip
+    for one in comparison.compared:
+        if len(one.models) > 1:
+            yield _model_recovery(one, common)
+            yield from _power(one, comparison.settings.level, common)
+        yield from _zeta_recovery(one, comparison, common)
+
+
+def _model_recovery(one: Compared, common: dict[str, Any]) -> Shown:
+    short, count = short_liquid(one.trials.liquid), len(one.trials.participants)
+    table = model_recovery_table(one.models, observers=count, **common)
+    title = f"{short} trials: {count} participants, {len(one.trials.scenes)} scenes"
+    return Shown(
+        f"model_recovery_{short}", "design", CAPTIONS["model_recovery"].format(liquid=short),
+        design.recovery(table, title), table=table.reset_index(),
+    )  # fmt: skip
+
+
+def _power(one: Compared, level: float, common: dict[str, Any]) -> Iterator[Shown]:
+    best, short = models.best_of_each_family(one, 2), short_liquid(one.trials.liquid)
+    if len(best) < 2:
+        return
+    table = power_table(
+        {name: one.models[name] for name in best}, observers=POWER_OBSERVERS,
+        scenes=[count for count in POWER_SCENES if count <= 2 * len(one.trials.scenes)]
+        or [len(one.trials.scenes)],
+        resampled="both", level=level, **common,
+    )  # fmt: skip
+    caption = CAPTIONS["power"].format(liquid=short, first=best[0], second=best[1])
+    figure = design.power(table, f"{best[0]} / {best[1]}")
+    yield Shown(f"power_{short}", "design", caption, figure, table=table)
+
+
+def _zeta_recovery(
+    one: Compared, comparison: Comparison, common: dict[str, Any]
+) -> Iterator[Shown]:
+    short = short_liquid(one.trials.liquid)
+    spec = BEST_IFE[short]
+    there = comparison.judged.on(one.trials.scenes)
+    try:
+        values, judgments = along(there, one.trials.liquid, spec, "damping_zeta")
+    except InputError:
+        return  # No grid was swept; the page says so.
+    table = parameter_recovery_table(
+        values, judgments, observers=len(one.trials.participants), spread=0.0, **common
+    )
+    yield Shown(
+        f"zeta_recovery_{short}", "design",
+        CAPTIONS["zeta_recovery"].format(liquid=short, first=spec),
+        design.recovery(table, f"{spec}: zeta [1/s]"), table=table.reset_index(),
+    )  # fmt: skip
+
+
+# Films -------------------------------------------------------------------------------
+
+
+def films(comparison: Comparison, folder: Path, count: int, tell: Report) -> list[Film]:
+    """Film the scenes in which people and the truth, or the IFE and the truth, differ most.
+
+    Parameters
+    ----------
+    comparison
+        From `analysis.comparison.compare_study`.
+    folder
+        Where the films go.
+    count
+        How many.
+    tell
+        Told of the progress.
+    """
+    by_id = {scene.id: scene for scene in comparison.scenes}
+    made = []
+    wanted = list(_disagreements(comparison, count).items())[:count]
+    for done, ((scene, liquid), (why, shown)) in enumerate(wanted):
+        tell(f"filming {scene}", done, len(wanted))
+        path = folder / f"{scene}-{short_liquid(liquid)}.mp4"
+        show(by_id[scene], path, shown, liquid)
+        made.append(Film(scene, short_liquid(liquid), why, shown, path))
+    return made
+
+
+def _disagreements(
+    comparison: Comparison, count: int
+) -> dict[tuple[str, str], tuple[str, tuple[str, str]]]:
+    """(Scene, liquid) -> why it is shown, and the two models that are filmed."""
+    found: dict[tuple[str, str], tuple[str, tuple[str, str]]] = {}
+    said = "simulated observers" if comparison.simulated else "people"
+    each = -(-count // (2 * len(comparison.compared)))
+    for one in comparison.compared:
+        short, liquid = short_liquid(one.trials.liquid), one.trials.liquid
+        ife, truth = BEST_IFE[short], f"truth-{short}"
+        if ife not in one.models or truth not in one.models:
+            continue
+        mean, right, imagined = (
+            mean_judgments(one.trials.responses), one.models[truth], one.models[ife]
+        )  # fmt: skip
+        for label, gap in ((said, mean - right), (ife, imagined - right)):
+            ranked = [one.trials.scenes[k].id for k in np.argsort(-np.abs(gap), kind="stable")]
+            for scene in [name for name in ranked if (name, liquid) not in found][:each]:
+                k = next(k for k, other in enumerate(one.trials.scenes) if other.id == scene)
+                why = (
+                    f"{label} and {truth} differ most: {said} {mean[k]:.2f}, {ife} "
+                    f"{imagined[k]:.2f}, {truth} {right[k]:.2f}"
+                )
+                found[scene, liquid] = why, (truth, ife)
+    return found

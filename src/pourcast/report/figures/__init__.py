@@ -1,0 +1,1 @@
+"""The figures: one function each, tables or scenes in, a matplotlib figure out."""

@@ -1,0 +1,138 @@
+"""Figures of models against people."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pourcast.analysis.agreement import Compared, short_liquid
+from pourcast.compare.correlation import mean_judgments, pearson
+from pourcast.report.figures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
+from pourcast.report.published import with_people
+
+
+def _panels(figure: Figure, count: int, **options: Any) -> list[Any]:
+    return list(figure.subplots(1, count, squeeze=False, **options)[0])
+
+
+def correlations(agreement: pd.DataFrame, experiment: str) -> Figure:
+    """Correlation of each model with people, water and honey side by side, published values too.
+
+    Parameters
+    ----------
+    agreement
+        Table of `analysis.agreement.agreement_table`, of one or more liquids.
+    experiment
+        ``exp1`` or ``exp2``, for the published values.
+    """
+    liquids = list(dict.fromkeys(agreement["liquid"]))
+    models = list(dict.fromkeys(agreement["model"]))
+    with mpl.rc_context(RC):
+        figure = new_figure(PAGE if len(liquids) > 1 else COLUMN, 0.9 + 0.2 * len(models))
+        for axes, liquid in zip(_panels(figure, len(liquids), sharey=True), liquids, strict=True):
+            rows = agreement[agreement["liquid"] == liquid].set_index("model").loc[models]
+            short, places = short_liquid(liquid), np.arange(len(models))
+            axes.barh(places, rows["r"], color=LIQUID_COLOURS[short], height=0.7, alpha=0.85)
+            axes.hlines(places, rows["r_low"], rows["r_high"], color="black", linewidth=1)
+            known = with_people(experiment, short)
+            marked = [(known[m].r, k) for k, m in enumerate(models) if m in known]
+            if marked:
+                axes.plot(
+                    *zip(*marked, strict=True), "D", markersize=4, markerfacecolor="white",
+                    markeredgecolor=GREY,
+                )  # fmt: skip
+            axes.set(title=f"{short} trials", xlabel="r with people's means", yticks=places)
+            axes.set_yticklabels(models)
+            axes.set_xlim(min(0.0, float(rows["r_low"].min())), 1.0)
+        figure.axes[0].invert_yaxis()
+        resampled = _resampled_words(agreement["resampled"].iloc[0])
+        published = "; diamonds: published" if with_people(experiment, "water") else ""
+        figure.suptitle(f"Lines: 95 % intervals, {resampled} resampled{published}", fontsize=7)
+    return figure
+
+
+def _resampled_words(resampled: str) -> str:
+    return "participants and scenes" if resampled == "both" else resampled
+
+
+def scatter(compared: Compared, models: Sequence[str]) -> Figure:
+    """People's mean judgments against some models', a panel a model.
+
+    Parameters
+    ----------
+    compared
+        People and models.
+    models
+        Which models, best first.
+    """
+    people = mean_judgments(compared.trials.responses)
+    with mpl.rc_context(RC):
+        figure = new_figure(PAGE, 0.55 + PAGE / len(models) * 0.95)
+        short = short_liquid(compared.trials.liquid)
+        for axes, model in zip(_panels(figure, len(models), sharey=True), models, strict=True):
+            judgments = compared.models[model]
+            axes.plot([0, 1], [0, 1], color=GREY, linewidth=0.7, linestyle=":")
+            axes.plot(
+                judgments, people, "o", markersize=3, alpha=0.7, color=LIQUID_COLOURS[short],
+                markeredgewidth=0,
+            )  # fmt: skip
+            r = float(pearson(people, judgments[None])[0])
+            axes.set(title=f"{model}\nr = {r:.2f}", xlim=(-0.03, 1.03), ylim=(-0.03, 1.03))
+            axes.set(aspect="equal", xlabel="model")
+        figure.axes[0].set_ylabel(f"people, {short} trials")
+    return figure
+
+
+def best_of_each_family(compared: Compared, most: int = 4) -> list[str]:
+    """The best-correlated model of each family, best first."""
+    people = mean_judgments(compared.trials.responses)
+    r = pd.Series(pearson(people, compared.judgments), index=compared.names)
+    found: dict[str, str] = {}
+    for name in r.sort_values(ascending=False).index:
+        found.setdefault(_family(str(name)), str(name))
+    return list(found.values())[:most]
+
+
+def _family(name: str) -> str:
+    base = name.partition(":")[0]
+    return "truth" if base.startswith("truth") else base.replace("water-", "").replace("honey-", "")
+
+
+def differences(table: pd.DataFrame, liquid: str) -> Figure:
+    """Who beats whom: differences in r, and which hold for all pairs together.
+
+    Parameters
+    ----------
+    table
+        Table of `analysis.agreement.differences_table`.
+    liquid
+        The liquid to show.
+    """
+    rows = table[table["liquid"] == liquid]
+    models = list(dict.fromkeys([*rows["model"], *rows["rival"]]))
+    place = {model: k for k, model in enumerate(models)}
+    matrix = np.full((len(models), len(models)), np.nan)
+    holds = np.zeros(matrix.shape, dtype=bool)
+    i, j = rows["model"].map(place).to_numpy(int), rows["rival"].map(place).to_numpy(int)
+    matrix[i, j], matrix[j, i] = rows["difference"], -rows["difference"]
+    holds[i, j] = holds[j, i] = rows["p_holm"] < 0.05
+    with mpl.rc_context(RC):
+        figure = new_figure(PAGE * 0.75, PAGE * 0.68)
+        axes = figure.add_subplot()
+        limit = float(np.nanmax(np.abs(matrix), initial=0.01))
+        picture = axes.imshow(matrix, cmap="PuOr", vmin=-limit, vmax=limit)
+        for i, j in zip(*np.nonzero(holds), strict=True):
+            axes.text(j, i, "*", ha="center", va="center", fontsize=8)
+        axes.set(xticks=range(len(models)), yticks=range(len(models)))
+        axes.set_xticklabels(models, rotation=60, ha="right", rotation_mode="anchor")
+        axes.set_yticklabels(models)
+        axes.set_title(
+            f"{short_liquid(liquid)} trials: r of the row's model minus r of the column's\n"
+            f"* p < .05 for all pairs (Holm), {_resampled_words(rows['resampled'].iloc[0])} "
+            "resampled"
+        )
+        figure.colorbar(picture, ax=axes, shrink=0.8, label="difference in r")
+    return figure

@@ -1,0 +1,37 @@
+"""Figures of the participants."""
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from pourcast.analysis.agreement import Individuals, short_liquid
+from pourcast.report.figures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
+
+
+def against_null(individuals: Individuals) -> Figure:
+    """Participants' correlations with the truth, beside those of chance.
+
+    Parameters
+    ----------
+    individuals
+        From `analysis.agreement.individuals`; at least one liquid.
+    """
+    liquids = list(individuals.against)
+    with mpl.rc_context(RC):
+        figure = new_figure(COLUMN if len(liquids) == 1 else PAGE, 2.2)
+        panels = figure.subplots(1, len(liquids), squeeze=False, sharey=True)[0]
+        edges = np.linspace(-1.0, 1.0, 41)
+        for axes, liquid in zip(panels, liquids, strict=True):
+            found, short = individuals.against[liquid], short_liquid(liquid)
+            observed = found.observed[np.isfinite(found.observed)]
+            for values, colour, label in (
+                (found.null, GREY, "chance (beta)"),
+                (observed, LIQUID_COLOURS[short], f"{len(observed)} participants"),
+            ):
+                weights = np.full(len(values), 1.0 / len(values))
+                axes.hist(values, edges, weights=weights, alpha=0.65, color=colour, label=label)
+            axes.set(xlabel=f"r with the {short} ground truth")
+            axes.set_title(f"{short}: D = {found.ks_statistic:.2f}, p = {found.ks_p:.2g}")
+            axes.legend(frameon=False, loc="upper left")
+        panels[0].set_ylabel("share")
+    return figure

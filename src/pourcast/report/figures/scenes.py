@@ -1,0 +1,99 @@
+"""Figures that look rather than count: stimuli, the particle engine, the heuristics."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from pourcast.engine.kernel import NORMALISATION, shape
+from pourcast.liquid import WATER
+from pourcast.pictures import (
+    COLOURS,
+    FRAME_RATE,
+    Imagined,
+    draw_liquid,
+    draw_paths,
+    draw_scene,
+    draw_start,
+    imagine,
+)
+from pourcast.report.figures.style import BLUE, PAGE, RC, new_figure
+from pourcast.scene import Scene
+
+PARTICLE_COUNTS = (15, 50, 100, 200)
+
+_MOMENT = 1.0
+"""Moment of the pictures of the particle engine [s]."""
+
+
+def stimuli(scenes: Sequence[Scene], most: int = 5) -> Figure:
+    """Scenes as participants see them first, spread evenly over the set."""
+    places = np.unique(np.linspace(0, len(scenes) - 1, min(most, len(scenes))).round().astype(int))
+    with mpl.rc_context(RC):
+        figure = new_figure(PAGE, PAGE / len(places) * 1.5 + 0.25)
+        panels = figure.subplots(1, len(places), squeeze=False)[0]
+        for axes, place in zip(panels, places, strict=True):
+            draw_scene(axes, scenes[place])
+            draw_start(axes, scenes[place], COLOURS["water"])
+            axes.set_title(scenes[place].id, fontsize=7)
+    return figure
+
+
+def particle_engine(scene: Scene) -> Figure:
+    """The smoothing kernel; one moment with few particles and with many; water and honey."""
+    specs = [
+        f"ife:liquid=water,n_particles={n},damping_zeta=0,zeta_sigma=0" for n in PARTICLE_COUNTS
+    ]
+    specs.append("ife:liquid=honey,n_particles=50,damping_zeta=0,zeta_sigma=0")
+    with mpl.rc_context(RC):
+        figure = new_figure(PAGE, 2.1)
+        panels = figure.subplots(1, len(specs) + 1, width_ratios=[1.25] + [1.0] * len(specs))
+        distance = np.linspace(0.0, 1.0, 101)
+        values = [NORMALISATION * shape(max(0.0, 1.0 - q)) for q in distance]
+        panels[0].plot(distance, values, color=BLUE)
+        panels[0].set(xlabel="r / support radius", ylabel="kernel W", title="Wendland C2")
+        for axes, spec, label in zip(panels[1:], specs, _labels(), strict=True):
+            one = imagine(scene, spec, WATER)
+            draw_scene(axes, scene)
+            _draw_particles(axes, scene, one)
+            axes.set_title(label, fontsize=7)
+            axes.set_xlabel(f"{_MOMENT:g} s", fontsize=7)
+    return figure
+
+
+def _labels() -> list[str]:
+    return [f"water, N = {n}" for n in PARTICLE_COUNTS] + ["honey, N = 50"]
+
+
+def _draw_particles(axes: Any, scene: Scene, one: Imagined) -> None:
+    assert one.frames is not None
+    frame = min(round(_MOMENT * FRAME_RATE), len(one.frames) - 1)
+    draw_liquid(axes, scene, one, frame)
+    position = one.frames[frame]
+    axes.plot(position[:, 0], position[:, 1], ".", markersize=1.5, color="black", zorder=5)
+
+
+def heuristics(scene: Scene) -> Figure:
+    """The gravity heuristic, SimpleSim with and without wrong turns, and marbles."""
+    panels_of = {
+        "gravity heuristic": "gravity",
+        "SimpleSim, m = 0.1": "simple:g=0,m=0.1,m_sigma=0",
+        "SimpleSim, m = 0.1, g = 0.5": "simple:g=0.5,m=0.1,m_sigma=0",
+        "MarbleSim, N = 25": "marble:n_particles=25,damping_zeta=2,zeta_sigma=0",
+    }
+    with mpl.rc_context(RC):
+        figure = new_figure(PAGE, 2.9)
+        panels = figure.subplots(1, len(panels_of))
+        for axes, (label, spec) in zip(panels, panels_of.items(), strict=True):
+            one = imagine(scene, spec, WATER)
+            draw_scene(axes, scene)
+            if one.frames is None:
+                draw_start(axes, scene, one.colour)
+                draw_paths(axes, one, 1.0)
+            else:
+                _draw_particles(axes, scene, one)
+            axes.set_title(label, fontsize=7)
+            axes.set_xlabel(f"J = {one.judgment:.2f}", fontsize=7)
+    return figure

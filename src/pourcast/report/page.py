@@ -1,0 +1,201 @@
+"""The report: figures, tables, methods and provenance of a comparison, in one HTML file."""
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from pourcast.analysis.agreement import short_liquid
+from pourcast.analysis.comparison import TABLES, Comparison
+from pourcast.compare.correlation import mean_judgments
+from pourcast.files import write_text
+from pourcast.judgments import write_table
+from pourcast.report import contents
+from pourcast.report.contents import Film, Report, Shown, experiment_of
+from pourcast.report.display import readable
+from pourcast.report.figures.style import save_figure
+from pourcast.report.methods import methods, provenance
+from pourcast.report.published import with_people
+
+ONLY_IN_FILES = ("scores", "judgments", "participants")
+"""Tables too long for the page; they lie in `tables/`."""
+
+_FOLDED = 30
+"""Tables with more rows are folded up at first."""
+
+_KINDS = {".png": "image/png", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the report is to hold.
+
+    Parameters
+    ----------
+    films
+        Scenes in the gallery, each with an animation.
+    studies
+        Simulated studies for each cell of the recovery and power figures; 0 for none.
+    """
+
+    films: int = 4
+    studies: int = 50
+
+
+def write_report(
+    comparison: Comparison,
+    folder: Path,
+    options: Options | None = None,
+    report: Report | None = None,
+) -> Path:
+    """Write figures, tables and the page.
+
+    Parameters
+    ----------
+    comparison
+        From `analysis.comparison.compare_study`.
+    folder
+        Where to: `report.html`, `figures/`, `films/`, `tables/`.
+    options
+        What it is to hold.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    options, tell = options or Options(), report or _untold
+    figures = list(contents.figures(comparison))
+    if options.studies:
+        figures += contents.design_figures(comparison, options.studies, tell)
+    for done, shown in enumerate(figures):
+        tell(f"drawing {shown.name}", done, len(figures))
+        # Recovery and power are made of simulated observers, whoever took part.
+        simulated = shown.section == "design" or (comparison.simulated and shown.of_people)
+        save_figure(shown.figure, folder / "figures" / shown.name, simulated=simulated)
+    films = contents.films(comparison, folder / "films", options.films, tell)
+    for name, table in comparison.tables.items():
+        flagged = table.assign(simulated=True) if comparison.simulated else table
+        write_table(folder / "tables" / f"{name}.csv", flagged)
+    for shown in figures:
+        if shown.table is not None:
+            flagged = shown.table.rename(columns=str).assign(simulated=True)
+            write_table(folder / "tables" / f"{shown.name}.csv", flagged)
+    page = folder / "report.html"
+    write_text(page, _render(comparison, figures, films, folder))
+    return page
+
+
+def _untold(what: str, done: int, total: int) -> None:
+    """Nobody is told of the progress."""
+
+
+def _render(
+    comparison: Comparison, figures: Sequence[Shown], films: Sequence[Film], folder: Path
+) -> str:
+    environment = Environment(
+        loader=PackageLoader("pourcast.report", "templates"), autoescape=True,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters["data_uri"] = data_uri
+    script = files("pourcast.report").joinpath("templates", "explore.js").read_text("utf-8")
+    experiment = experiment_of(comparison.scenes)
+    tables = {
+        name: _as_shown(name, with_published(table, experiment) if name == "agreement" else table)
+        for name, table in comparison.tables.items()
+        if name not in ONLY_IN_FILES
+    }
+    return environment.get_template("report.html").render(
+        comparison=comparison,
+        experiment=experiment,
+        tables=tables,
+        figures=[
+            (one, folder / "figures" / f"{one.name}{'.png' if one.raster else '.svg'}")
+            for one in figures
+        ],
+        films=films,
+        methods=methods(comparison),
+        provenance=provenance(comparison),
+        explore=_safe_json(_explorable(comparison)),
+        script=script,
+    )
+
+
+def data_uri(path: Path) -> str:
+    """A file's content as an address, so that the page needs no other file."""
+    content = base64.b64encode(path.read_bytes()).decode()
+    return f"data:{_KINDS[path.suffix]};base64,{content}"
+
+
+def with_published(agreement: pd.DataFrame, experiment: str) -> pd.DataFrame:
+    """The agreement table with the published correlations beside, as far as there are any."""
+    known = [
+        with_people(experiment, short_liquid(liquid)).get(model)
+        for liquid, model in zip(agreement["liquid"], agreement["model"], strict=True)
+    ]
+    if not any(known):
+        return agreement
+    rows = [(np.nan, np.nan, np.nan) if one is None else tuple(one) for one in known]
+    names = ["published_r", "published_r_low", "published_r_high"]
+    beside = pd.DataFrame(rows, index=agreement.index, columns=names)
+    place = list(agreement.columns).index("rmse")
+    return pd.concat([agreement.iloc[:, :place], beside, agreement.iloc[:, place:]], axis=1)
+
+
+def _as_shown(name: str, table: pd.DataFrame) -> dict[str, Any]:
+    text = readable(table)
+    return {
+        "title": TABLES[name],
+        "columns": list(text.columns),
+        "rows": [[_unbroken(cell) for cell in row] for row in text.to_numpy()],
+        "long": len(text) > _FOLDED,
+    }
+
+
+def _unbroken(cell: str) -> str:
+    """A number and its interval, kept on one line."""
+    return cell.replace(" ", "\u00a0") if cell.endswith("]") else cell
+
+
+def _safe_json(content: Mapping[str, Any]) -> str:
+    """JSON that may stand inside a script element."""
+    return json.dumps(content, allow_nan=False).replace("<", "\\u003c")
+
+
+def _explorable(comparison: Comparison) -> dict[str, Any]:
+    """What the interactive scatter plot needs."""
+    return {
+        "liquids": [
+            {
+                "liquid": short_liquid(one.trials.liquid),
+                "scenes": [scene.id for scene in one.trials.scenes],
+                "people": _rounded(mean_judgments(one.trials.responses)),
+                "models": {name: _rounded(values) for name, values in one.models.items()},
+            }
+            for one in comparison.compared
+        ],
+        "scenes": {
+            scene.id: {
+                "width": scene.box.width,
+                "height": scene.box.height,
+                "obstacles": scene.obstacles,
+                "goal": scene.goal.solids,
+                "liquid": [*scene.liquid.centre, scene.liquid.diameter / 2],
+            }
+            for scene in comparison.scenes
+        },
+        "people": "simulated observers" if comparison.simulated else "people",
+    }
+
+
+def _rounded(values: Any) -> list[float]:
+    return [round(float(value), 4) for value in values]

@@ -1,0 +1,139 @@
+"""The paper's experiments from nothing to a report beside the published values."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from pourcast.analysis.agreement import Settings
+from pourcast.analysis.comparison import Comparison, Request, compare_study, sweep_words
+from pourcast.analysis.rehearsal import HEADS, OBSERVERS, rehearse
+from pourcast.errors import InputError, StoreError
+from pourcast.experiment.observers import Observers
+from pourcast.report.page import Options, write_report
+from pourcast.study import DEFAULT_SCENES, SceneRequest, open_study
+from pourcast.sweep.executors.choose import ClusterOptions, make_executor
+from pourcast.sweep.grid import read_grid
+from pourcast.sweep.plan import make_plan
+from pourcast.sweep.run import run_sweep
+from pourcast.sweep.store import Store
+from pourcast.sweep.table import write_judgments
+
+Report = Callable[[str, int, int], None]
+"""Called with what is going on, how much of it is done, and how much there is."""
+
+QUICK_SCENES = 24
+QUICK_CANDIDATES = 200
+CANDIDATES = 1000
+
+GRIDS = {"exp1": "paper-exp1", "exp2": "paper-exp2"}
+QUICK_GRID = "quick"
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What is to be reproduced.
+
+    Parameters
+    ----------
+    experiment
+        ``exp1`` or ``exp2``.
+    quick
+        24 scenes and a small grid, a first look.
+    seed
+        Source of all randomness.
+    scenes
+        Number of scenes, if not the paper's (or 24).
+    responses
+        People's responses; simulated observers answer without.
+    carry_from
+        An Experiment 1 that was reproduced before: its parameters are carried over.
+    exclude, percent
+        As for `analysis.comparison.Request`.
+    """
+
+    experiment: str
+    quick: bool = False
+    seed: int = 1
+    scenes: int | None = None
+    responses: Path | None = None
+    carry_from: Path | None = None
+    exclude: tuple[str, ...] = ()
+    percent: bool = False
+
+    @property
+    def request(self) -> SceneRequest:
+        """The scenes."""
+        count = QUICK_SCENES if self.quick else DEFAULT_SCENES[self.experiment]
+        candidates = QUICK_CANDIDATES if self.quick else CANDIDATES
+        return SceneRequest(self.experiment, self.scenes or count, self.seed, candidates)
+
+
+def read_choice(folder: Path) -> pd.DataFrame:
+    """Parameters that were chosen in another study, from its report.
+
+    Raises
+    ------
+    InputError
+        If there is no such table.
+    """
+    path = folder / "report" / "tables" / "choice.csv"
+    try:
+        table = pd.read_csv(path)
+        table[["model", "spec", "r"]]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{path}: not a table of chosen parameters ({error}); expected the folder of a study "
+            "with a report"
+        ) from None
+    return table
+
+
+def reproduce(
+    folder: Path, wanted: Reproduction, workers: int | None = None, report: Report | None = None
+) -> tuple[Comparison, Path]:
+    """Scenes, simulations, observers, comparison, report; goes on where it was stopped.
+
+    Parameters
+    ----------
+    folder
+        The study folder to make.
+    wanted
+        What is to be reproduced.
+    workers
+        Processes; all cores by default.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    Comparison, Path
+        What came out, and the report's page.
+    """
+    carried = None if wanted.carry_from is None else read_choice(wanted.carry_from)
+    scenes = open_study(folder, wanted.request, report)
+    grid = read_grid(QUICK_GRID if wanted.quick else GRIDS[wanted.experiment])
+    store = Store(folder / "sweep")
+    opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
+    result = run_sweep(
+        make_plan(grid, scenes), store, opened, report=sweep_words(report, "simulating")
+    )
+    write_judgments(folder / "judgments", grid.name, result.table)
+    if result.failures:
+        raise StoreError(f"{folder}: {result.failures[0].message}")
+    responses = wanted.responses
+    if responses is None:
+        observers = Observers(
+            OBSERVERS[wanted.experiment], HEADS, between=wanted.experiment == "exp1",
+            seed=wanted.seed,
+        )  # fmt: skip
+        responses = rehearse(folder, scenes, observers, report=report)
+    request = Request(
+        responses=responses, percent=wanted.percent, exclude=wanted.exclude,
+        settings=Settings(seed=wanted.seed), carried=carried,
+    )  # fmt: skip
+    comparison = compare_study(folder, request, report)
+    page = write_report(comparison, folder / "report", Options(), report)
+    return comparison, page
