@@ -12,6 +12,7 @@ from pourcast.analysis.agreement import Compared, Individuals, Settings, short_l
 from pourcast.analysis.judged import Judged, judge_in_study, read_judged
 from pourcast.compare.reliability import FEWEST_PARTICIPANTS
 from pourcast.errors import InputError
+from pourcast.extras import optional_module
 from pourcast.model import presets
 from pourcast.responses import Exclusion, arrange, exclude, read_responses, remarks
 from pourcast.scene import Scene
@@ -43,6 +44,8 @@ class Request:
         How intervals are made.
     carried
         A `choice_table` of another experiment, to be carried over unchanged.
+    bayes
+        Fit the likelihood of single answers too; takes minutes, and the extra ``bayes``.
     """
 
     responses: Path | None = None
@@ -51,6 +54,7 @@ class Request:
     exclude: tuple[str, ...] = ()
     settings: Settings = field(default_factory=Settings)
     carried: pd.DataFrame | None = None
+    bayes: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,6 +108,8 @@ TABLES = {
     "choice": "Parameters chosen on these responses, by the paper's procedure",
     "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
     "carried": "Parameters chosen in another experiment, carried over unchanged",
+    "loo": "Likelihood of single answers: models by PSIS-LOO, the best first",
+    "posterior": "Likelihood of single answers: parameters of the response model, 95 % intervals",
     "variance": "Variance of deterministic judgments over the window of dampings",
     "variance_tests": "Unpaired t-tests between these variances",
     "scores": "Correlation of every swept candidate",
@@ -164,6 +170,9 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
     """
     if not study.is_dir():
         raise InputError(f"{study}: expected a study folder; `pourcast new` makes one")
+    if request.bayes:
+        for module in ("numpyro", "arviz"):
+            optional_module(module, "bayes")
     scenes = load_scenes(study)
     path = request.responses or find_responses(study)
     settings = request.settings
@@ -202,6 +211,8 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
     people = compared(specs)
     individuals = agreement.individuals(people, settings)
     tables = _tables(people, judged, settings, individuals, report)
+    if request.bayes:
+        tables |= _bayes(people, settings.seed, report)
     if request.carried is not None:
         tables["carried"] = choice.carried_table(compared(carried), request.carried, settings)
     return Comparison(
@@ -249,6 +260,27 @@ def _tables(
             report(f"comparing: {name}", done, len(steps))
         tables[name] = make()
     return tables
+
+
+def _bayes(people: Sequence[Compared], seed: int, report: Report | None) -> dict[str, pd.DataFrame]:
+    """Models compared by the likelihood of single answers, for each liquid."""
+    # JAX is loaded only for this.
+    from pourcast.compare.bayes import Sampling, compare_models  # noqa: PLC0415
+
+    loos, posteriors = [], []
+    for one in people:
+        found = compare_models(one.trials.responses, one.models, Sampling(seed=seed), report)
+        loos.append(_labelled(found.loo, one))
+        posteriors.append(_labelled(found.parameters, one))
+    return {
+        "loo": pd.concat(loos, ignore_index=True),
+        "posterior": pd.concat(posteriors, ignore_index=True),
+    }
+
+
+def _labelled(table: pd.DataFrame, one: Compared) -> pd.DataFrame:
+    table.insert(0, "liquid", one.trials.liquid)
+    return table
 
 
 def _stacked(

@@ -10,12 +10,12 @@ import sys
 
 import typer
 
-from pourcast.cli import compare, models, scenes, sweep
+from pourcast.cli import compare, design, models, observers, scenes, sweep
 from pourcast.cli.app import app
 from pourcast.cli.terminal import InterruptedWorkError
 from pourcast.errors import ClusterError, InputError, StoreError
 
-__all__ = ["compare", "main", "models", "run", "scenes", "sweep"]
+__all__ = ["compare", "design", "main", "models", "observers", "run", "scenes", "sweep"]
 
 INTERRUPTED = 128 + signal.SIGINT
 

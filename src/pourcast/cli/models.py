@@ -1,6 +1,5 @@
 """Commands that let models judge, list them and time them: demo, predict, models, bench."""
 
-import json
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -16,7 +15,7 @@ from pourcast.cli.options import (
     ScenesArgument,
     SeedOption,
 )
-from pourcast.cli.terminal import print_json, print_table, progress_bar
+from pourcast.cli.terminal import print_json, print_table, progress_bar, records
 
 
 class Plan(StrEnum):
@@ -77,7 +76,7 @@ def predict(
     if out is not None:
         write_table(out, table)
     if as_json:
-        print_json(json.loads(table.to_json(orient="records")))
+        print_json(records(table))
         return
     if len(loaded) <= 10:
         wide = table.pivot(index="scene", columns="model", values="judgment")
@@ -114,7 +113,7 @@ def bench(
         else:
             table = plan_table(share, seed, report)
     if as_json:
-        print_json(json.loads(table.reset_index().to_json(orient="records")))
+        print_json(records(table.reset_index()))
         return
     print_table(table.reset_index().set_index(table.index.names[0]))
     if plan is not None:

@@ -2,9 +2,22 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from pourcast.errors import InputError
+
+if TYPE_CHECKING:
+    from pourcast.scene import Scene
+
+
+class Resampled(StrEnum):
+    """What is drawn again for intervals."""
+
+    PARTICIPANTS = "participants"
+    SCENES = "scenes"
+    BOTH = "both"
 
 
 class LiquidName(StrEnum):
@@ -29,3 +42,16 @@ ModelOption = Annotated[
 LiquidOption = Annotated[LiquidName, typer.Option(help="Liquid shown in the trials.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Source of all randomness.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY", help="A study folder.")]
+ResampleOption = Annotated[
+    Resampled, typer.Option(help="What the intervals' bootstrap draws again.")
+]
+
+
+def scenes_of_study(study: Path) -> "list[Scene]":
+    """Scenes of a study folder; anything else is refused."""
+    from pourcast.study import load_scenes
+
+    if not study.is_dir():
+        raise InputError(f"{study}: expected a study folder; `pourcast new` makes one")
+    return load_scenes(study)

@@ -69,3 +69,8 @@ def print_json(content: Any) -> None:
         return None if isinstance(value, float) and not math.isfinite(value) else value
 
     typer.echo(json.dumps(clean(content), indent=2))
+
+
+def records(table: Any) -> Any:
+    """A table as a list of rows, for `print_json`."""
+    return json.loads(table.to_json(orient="records"))

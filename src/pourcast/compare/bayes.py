@@ -3,11 +3,11 @@
 Needs the extra ``pourcast[bayes]``.
 """
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import arviz as az
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,16 +15,31 @@ import numpyro
 import numpyro.distributions as dist
 import pandas as pd
 from jax.nn import log_sigmoid, sigmoid
+from jax.scipy.special import gammaln
 from numpy.typing import NDArray
 from numpyro.infer import MCMC, NUTS, init_to_median
+from platformdirs import user_cache_dir
 
 from pourcast.compare.likelihood import LAPSE_ENDS, predictor
+
+with warnings.catch_warnings():
+    # ArviZ tells of its next major version, which pyproject.toml keeps out.
+    warnings.simplefilter("ignore", FutureWarning)
+    import arviz as az
+
+# NumPyro hands each chain a new function, which JAX would compile again, for seconds.
+jax.config.update("jax_compilation_cache_dir", user_cache_dir("pourcast-jax"))
+jax.config.update("jax_compilation_cache_max_size", 200_000_000)
 
 Array = NDArray[np.float64]
 
 PARAMETERS = ("intercept", "slope", "spread_intercept", "spread_slope", "precision", "lapse",
               "cut_low", "cut_high")  # fmt: skip
 """What is estimated for the population; each participant's effects beside."""
+
+
+_COMPARED = ("elpd_diff", "dse", "weight")
+_BAD_K = 0.7
 
 
 @dataclass(frozen=True)
@@ -53,7 +68,9 @@ def _log_density(answers: Any, eta: Any, precision: Any, low: Any, high: Any, la
     inner = jnp.clip(answers, 1e-6, 1.0 - 1e-6)
     gap = jnp.maximum(sigmoid(eta - low) - sigmoid(eta - high), 1e-30)
     a, b = mean * precision, (1.0 - mean) * precision
-    between = jnp.log(gap) + dist.Beta(a, b).log_prob(inner)
+    # Written out: the first term is one number, and the logarithms don't change.
+    between = jnp.log(gap) + gammaln(precision) - gammaln(a) - gammaln(b)
+    between += (a - 1.0) * jnp.log(inner) + (b - 1.0) * jnp.log1p(-inner)
     ends = jnp.where(answers <= 0.0, log_sigmoid(low - eta), log_sigmoid(eta - high))
     at_end = (answers <= 0.0) | (answers >= 1.0)
     attentive = jnp.log1p(-lapse) + jnp.where(at_end, ends, between)
@@ -74,11 +91,10 @@ def _model(answers: Any, answered: Any, x: Any) -> None:
     cut_gap = numpyro.sample("cut_gap", dist.LogNormal(2.0, 0.5))
     cut_high = numpyro.deterministic("cut_high", cut_low + cut_gap)
     with numpyro.plate("participants", people):
-        u = numpyro.sample("u", dist.Normal(0.0, 1.0))
-        v = numpyro.sample("v", dist.Normal(0.0, 1.0))
-    eta = (
-        intercept + spread_intercept * u[:, None] + (slope + spread_slope * v[:, None]) * x[None, :]
-    )
+        # Centred: with many trials each, participants' effects are known well.
+        own_intercept = numpyro.sample("own_intercept", dist.Normal(intercept, spread_intercept))
+        own_slope = numpyro.sample("own_slope", dist.Normal(slope, spread_slope))
+    eta = own_intercept[:, None] + own_slope[:, None] * x[None, :]
     log_density = _log_density(answers, eta, precision, cut_low, cut_high, lapse)
     numpyro.factor("answers", jnp.where(answered, log_density, 0.0).sum())
     numpyro.deterministic("log_density", log_density)
@@ -96,11 +112,11 @@ class ResponseModel:
     def __init__(self, sampling: Sampling | None = None) -> None:
         self._sampling = sampling or Sampling()
         self._mcmc = MCMC(
-            NUTS(_model, init_strategy=init_to_median, target_accept_prob=0.9),
+            NUTS(_model, init_strategy=init_to_median),
             num_warmup=self._sampling.warmup,
             num_samples=self._sampling.draws,
             num_chains=self._sampling.chains,
-            chain_method="vectorized",
+            chain_method="sequential",
             progress_bar=False,
             jit_model_args=True,
         )
@@ -179,36 +195,36 @@ def compare_models(
         if report is not None:
             report(f"fitting {name}", done, len(models))
         fitted[name] = fitter.fit(responses, judgments)
-    loos = {name: az.loo(data, pointwise=True) for name, data in fitted.items()}
+    with warnings.catch_warnings():
+        # Bad Pareto k are counted in the table.
+        warnings.simplefilter("ignore", UserWarning)
+        loos = {name: az.loo(data, pointwise=True) for name, data in fitted.items()}
     table = az.compare(loos, method="stacking") if len(loos) > 1 else None
-    rows = []
-    for name in list(loos) if table is None else table.index:
-        one = loos[name]
-        row = {"model": name, "elpd_loo": float(one.elpd_loo), "se": float(one.se)}
-        row |= {"p_loo": float(one.p_loo)}
-        if table is not None:
-            row |= {
-                column: float(table.loc[name, column]) for column in ("elpd_diff", "dse", "weight")
-            }
-        rows.append(row | {"pareto_k_bad": int((one.pareto_k.to_numpy() > 0.7).sum())})
-    summaries = []
-    for name, data in fitted.items():
-        summary = az.summary(data, hdi_prob=0.95)
-        low, high = np.quantile(
-            np.stack([data.posterior[p].to_numpy().ravel() for p in summary.index]),
-            [0.025, 0.975], axis=1,
-        )  # fmt: skip
-        summaries.append(
-            pd.DataFrame(
-                {
-                    "model": name,
-                    "parameter": summary.index,
-                    "mean": summary["mean"].to_numpy(),
-                    "low": low,
-                    "high": high,
-                    "r_hat": summary["r_hat"].to_numpy(),
-                    "ess": summary["ess_bulk"].to_numpy(),
-                }
-            )
-        )
-    return BayesComparison(pd.DataFrame(rows), pd.concat(summaries, ignore_index=True))
+    rows = [_loo_row(name, loos[name], table) for name in (loos if table is None else table.index)]
+    parameters = pd.concat([_summary(name, data) for name, data in fitted.items()])
+    return BayesComparison(pd.DataFrame(rows), parameters.reset_index(drop=True))
+
+
+def _loo_row(name: str, one: Any, table: Any) -> dict[str, Any]:
+    row: dict[str, Any] = {"model": name, "elpd_loo": float(one.elpd_loo), "se": float(one.se)}
+    if table is not None:
+        row |= {column: float(table.loc[name, column]) for column in _COMPARED}
+    bad = int((one.pareto_k.to_numpy() > _BAD_K).sum())
+    return row | {"p_loo": float(one.p_loo), "pareto_k_bad": bad}
+
+
+def _summary(name: str, data: Any) -> pd.DataFrame:
+    summary = az.summary(data, var_names=list(PARAMETERS))
+    draws = np.stack([data.posterior[parameter].to_numpy().ravel() for parameter in PARAMETERS])
+    low, high = np.quantile(draws, [0.025, 0.975], axis=1)
+    return pd.DataFrame(
+        {
+            "model": name,
+            "parameter": PARAMETERS,
+            "mean": draws.mean(axis=1),
+            "low": low,
+            "high": high,
+            "r_hat": summary["r_hat"].to_numpy(),
+            "ess": summary["ess_bulk"].to_numpy(),
+        }
+    )

@@ -45,7 +45,7 @@ def tied(scores: Array) -> list[int]:
 
 
 def flat(resampled: Array, best: int, level: float = LEVEL) -> NDArray[np.bool_]:
-    """Which candidates can't be told from the best: the interval of the difference holds 0.
+    """Which candidates do as well as the best: the interval of the difference is not all above 0.
 
     Parameters
     ----------
@@ -56,10 +56,9 @@ def flat(resampled: Array, best: int, level: float = LEVEL) -> NDArray[np.bool_]
     level
         Of the intervals of the paired differences.
     """
-    low, high = interval(resampled[:, [best]] - resampled, level)
-    inside: NDArray[np.bool_] = (low <= 0.0) & (high >= 0.0)
-    inside[best] = True
-    return inside
+    low, _ = interval(resampled[:, [best]] - resampled, level)
+    as_good: NDArray[np.bool_] = low <= 0.0
+    return as_good
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,12 @@ HEADINGS = {
     "chosen": "chosen most often",
     "r_where_fitted": "r where fitted",
     "within_one_step": "within one step",
+    "elpd_loo": "elpd (LOO)",
+    "elpd_diff": "below the best",
+    "dse": "se of that",
+    "p_loo": "effective parameters",
+    "pareto_k_bad": "Pareto k > 0.7",
+    "r_hat": "R-hat",
 }
 
 _HIDDEN = ("spec",)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import pandas as pd
 
 from pourcast.errors import StoreError
+from pourcast.extras import optional_module
 from pourcast.sweep.executors import Executor
-from pourcast.sweep.extras import optional_module
 from pourcast.sweep.plan import Plan, Shard
 from pourcast.sweep.shard import ShardResult, run_shard, task_of
 from pourcast.sweep.store import Damage, Failure, Store

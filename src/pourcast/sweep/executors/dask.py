@@ -7,8 +7,8 @@ from concurrent.futures import Future
 from typing import Any
 
 from pourcast.errors import ClusterError, InputError
+from pourcast.extras import optional_module
 from pourcast.sweep.executors import Heartbeat, run_futures
-from pourcast.sweep.extras import optional_module
 from pourcast.sweep.shard import ShardResult, ShardTask, run_shard
 
 _WAITING = 2

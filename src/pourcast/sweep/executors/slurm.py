@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from pourcast.errors import InputError
+from pourcast.extras import optional_module
 from pourcast.sweep.executors import Heartbeat
-from pourcast.sweep.extras import optional_module
 from pourcast.sweep.shard import ShardResult, ShardTask, run_shard
 
 LONGEST_ARRAY = 1000

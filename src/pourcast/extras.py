@@ -1,4 +1,4 @@
-"""Packages that only some sweeps need."""
+"""Packages that only some work needs."""
 
 import importlib
 from typing import Any

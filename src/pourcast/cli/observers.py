@@ -1,0 +1,118 @@
+"""Simulated observers: how they answer, and the command that lets them."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pourcast.cli.app import app
+from pourcast.cli.options import SeedOption, StudyArgument, scenes_of_study
+from pourcast.cli.terminal import progress_bar
+from pourcast.errors import InputError
+
+if TYPE_CHECKING:
+    from pourcast.compare.observer import Population
+
+BiasOption = Annotated[
+    float | None, typer.Option(help="Observers: mean of what is added to all answers [0].")
+]
+SlopeOption = Annotated[
+    float | None,
+    typer.Option(help="Observers: mean slope; below 1 keeps nearer to the middle [0.85]."),
+]
+PrecisionOption = Annotated[
+    float | None, typer.Option(help="Observers: median precision of the noise [4].")
+]
+LapseOption = Annotated[
+    float | None, typer.Option(help="Observers: share of trials answered anywhere [0.03].")
+]
+GranularityOption = Annotated[
+    float | None, typer.Option(help="Observers: step of the slider [0.01].")
+]
+
+experiment_app = typer.Typer(
+    help="Responses to a study: for now, those of simulated observers.",
+    rich_markup_mode=None,
+)
+app.add_typer(experiment_app, name="experiment")
+
+
+def population_of(**given: float | None) -> "Population":
+    """Observers as the options say, else as usual."""
+    from pourcast.compare.observer import Population
+
+    return Population(**{name: value for name, value in given.items() if value is not None})
+
+
+@experiment_app.command("simulate")
+def simulate(
+    study: StudyArgument,
+    observers: Annotated[
+        int | None, typer.Option(min=1, help="How many observers [65; 21 for a cup].")
+    ] = None,
+    model: Annotated[
+        str, typer.Option("--model", "-m", help="Model in the heads, water trials.")
+    ] = "water-ife",
+    honey_model: Annotated[
+        str, typer.Option("--honey-model", help="Model in the heads, honey trials.")
+    ] = "honey-ife-2",
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PARAMETER=SD",
+            help="How much observers differ in a parameter [damping_zeta=1.5, m=0.02, g=0.1].",
+        ),
+    ] = None,
+    bias: BiasOption = None,
+    slope: SlopeOption = None,
+    precision: PrecisionOption = None,
+    lapse: LapseOption = None,
+    granularity: GranularityOption = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Table to write [STUDY/responses/simulated.csv]."),
+    ] = None,
+    seed: SeedOption = 0,
+) -> None:
+    """Rehearse a study: observers with a model in their heads answer, with noise and lapses.
+
+    Every row says that it is simulated. In a study with basins each observer sees one liquid, with
+    cups both.
+
+    Example: pourcast experiment simulate my-study --observers 65 --model water-ife
+    """
+    from pourcast.analysis.rehearsal import OBSERVERS, rehearse
+    from pourcast.experiment.observers import SPREADS, Observers
+    from pourcast.files import check_writable
+    from pourcast.judgments import check_table_path
+
+    scenes = scenes_of_study(study)
+    if out is not None:
+        check_table_path(out)
+        check_writable(out)
+    basins = scenes[0].goal.kind == "basins"
+    who = Observers(
+        observers or OBSERVERS["exp1" if basins else "exp2"],
+        {"water": model, "honey": honey_model},
+        between=basins,
+        population=population_of(
+            bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
+        ),
+        spreads=_spreads(vary) if vary else dict(SPREADS),
+        seed=seed,
+    )
+    with progress_bar() as report:
+        path = rehearse(study, scenes, who, out, report)
+    trials = len(scenes) * (1 if basins else 2)
+    typer.echo(f"{path}: {who.count} simulated observers, {trials} trials each")
+
+
+def _spreads(given: list[str]) -> dict[str, float]:
+    found = {}
+    for one in given:
+        name, _, text = (part.strip() for part in one.partition("="))
+        try:
+            found[name] = float(text)
+        except ValueError:
+            raise InputError(f"vary: expected PARAMETER=SD, found {one!r}") from None
+    return found

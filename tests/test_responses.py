@@ -1,0 +1,204 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from pourcast.errors import InputError
+from pourcast.responses import arrange, exclude, read_responses, remarks
+from pourcast.scene import Cup
+from tests.make import ramp_scene
+
+
+def scenes(count=3):
+    return [
+        ramp_scene().model_copy(update={"id": f"s{k}", "liquid": ramp_scene().liquid.model_copy(update={"centre": (0.4, 1.3 + 0.001 * k)})})
+        for k in range(count)
+    ]
+
+
+def good(people=5, count=3):
+    rng = np.random.default_rng(0)
+    rows = [
+        {"participant": f"p{p}", "scene": f"s{s}", "liquid": "water", "response": round(rng.random(), 3), "rt": 2.0}
+        for p in range(people)
+        for s in range(count)
+    ]
+    return pd.DataFrame(rows)
+
+
+def written(tmp_path, table, name="r.csv"):
+    path = tmp_path / name
+    table.to_csv(path, index=False) if path.suffix == ".csv" else table.to_parquet(path, index=False)
+    return path
+
+
+def test_good_table_becomes_an_array(tmp_path):
+    table = good()
+    found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "r.csv")
+    assert [one.liquid for one in found] == ["water"]
+    assert found[0].participants == ("p0", "p1", "p2", "p3", "p4")
+    assert found[0].responses == pytest.approx(table["response"].to_numpy().reshape(5, 3))
+    assert remarks(found, scenes()) == []
+
+
+def test_csv_and_parquet_say_the_same(tmp_path):
+    one, two = (read_responses(written(tmp_path, good(), name), scenes()) for name in ("r.csv", "r.parquet"))
+    assert (arrange(one, scenes(), "").pop().responses == arrange(two, scenes(), "").pop().responses).all()
+
+
+def test_honey_is_that_of_the_scene_s_experiment(tmp_path):
+    cups = [scene.model_copy(update={"goal": Cup(centre_x=0.5)}) for scene in scenes()]
+    path = written(tmp_path, good().assign(liquid="honey"))
+    assert set(read_responses(path, scenes())["liquid"]) == {"honey-exp1"}
+    assert set(read_responses(path, cups)["liquid"]) == {"honey-exp2"}
+
+
+def test_numbers_as_names_and_rows_in_any_order(tmp_path):
+    table = good().assign(participant=lambda t: t["participant"].str[1:]).sample(frac=1, random_state=0)
+    found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "")
+    assert found[0].participants == ("0", "1", "2", "3", "4")
+    assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
+
+
+def broken(change):
+    table = good().astype({"response": object, "participant": object, "rt": object})
+    change(table)
+    return table
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "said"),
+    [
+        ("response", 1.2, "row 9, column response: expected 0..1, found 1.2"),
+        ("response", -0.1, "row 9, column response: expected 0..1, found -0.1"),
+        ("response", 63, r"row 9, column response: expected 0..1 \(in percent\? add --percent\), found 63"),
+        ("response", "left", "row 9, column response: expected a number, found 'left'"),
+        ("response", None, "row 9, column response: expected a number, found nan"),
+        ("participant", None, "row 9, column participant: expected a name"),
+        ("scene", "s9", "row 9, column scene: expected a scene of the study .*did you mean 's"),
+        ("liquid", "oil", "row 9, column liquid: there is no 'oil'"),
+        ("rt", "fast", "row 9, column rt: expected a number, found 'fast'"),
+    ],
+)
+def test_a_bad_cell_is_named_by_row_and_column(tmp_path, column, value, said):
+    table = good().astype(object)
+    table.loc[7, column] = value
+    path = written(tmp_path, table)
+    with pytest.raises(InputError, match=said) as error:
+        read_responses(path, scenes())
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_percent(tmp_path):
+    table = good().assign(response=lambda t: 100 * t["response"])
+    path = written(tmp_path, table)
+    with pytest.raises(InputError, match=r"add --percent.*more rows"):
+        read_responses(path, scenes())
+    found = arrange(read_responses(path, scenes(), percent=True), scenes(), "")
+    assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
+    bad = written(tmp_path, table.assign(response=lambda t: t["response"] + 50))
+    with pytest.raises(InputError, match=r"expected 0\.\.100, found 1"):
+        read_responses(bad, scenes(), percent=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("participant,scene,response\np,s0,0.5\n", "column 'liquid' is missing; expected"),
+        ("participant,scene,liquid,response\n", "no rows"),
+        ("", "not a table"),
+        ("a,b\n1,2,3\n4\n5,6,7,8\n", "not a table|is missing"),
+    ],
+)
+def test_not_a_table_of_responses(tmp_path, text, said):
+    path = tmp_path / "r.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_responses(path, scenes())
+
+
+def test_no_file_and_a_wrong_one(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_responses(tmp_path / "none.csv", scenes())
+    with pytest.raises(InputError, match=r"\.csv or \.parquet"):
+        read_responses(tmp_path / "r.xlsx", scenes())
+
+
+def test_repeated_trials_are_refused_and_both_rows_named(tmp_path):
+    table = pd.concat([good(), good().iloc[[4]].assign(response=0.9)])
+    read = read_responses(written(tmp_path, table), scenes())
+    with pytest.raises(InputError, match=r"rows 6 and 17: participant p1 answered scene s1 \(water\) twice"):
+        arrange(read, scenes(), "r.csv")
+    kept, what = exclude(read, ["repeats=last"])
+    assert what[0].trials == 1
+    assert arrange(kept, scenes(), "")[0].responses[1, 1] == 0.9
+
+
+def test_gaps_constant_answers_and_empty_scenes_are_told(tmp_path):
+    table = good()
+    table.loc[table["participant"] == "p2", "response"] = 0.5
+    table = table[(table["scene"] != "s2") & ~((table["participant"] == "p3") & (table["scene"] == "s1"))]
+    found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "")
+    told = " | ".join(remarks(found, scenes()))
+    assert "nobody answered 1 scenes: s2" in told
+    assert "p3 (1)" in told
+    assert "always the same answer: p2, p3" in told
+    assert np.isnan(found[0].responses[3, 1])
+
+
+def test_other_phases_are_not_compared(tmp_path):
+    practice = good().assign(phase="practice", scene="somewhere else", response=0.1)
+    table = pd.concat([good().assign(phase="test"), practice])
+    found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "")
+    assert found[0].responses.shape == (5, 3)
+
+
+def test_mirrored_trials_are_turned_back(tmp_path):
+    path = written(tmp_path, good().assign(mirrored=True))
+    plain = good()["response"].to_numpy().reshape(5, 3)
+    assert arrange(read_responses(path, scenes()), scenes(), "")[0].responses == pytest.approx(1 - plain)
+    cups = [scene.model_copy(update={"goal": Cup(centre_x=0.5)}) for scene in scenes()]
+    assert arrange(read_responses(path, cups), cups, "")[0].responses == pytest.approx(plain)
+
+
+def test_rules(tmp_path):
+    table = good()
+    table.loc[table["participant"] == "p2", "response"] = 0.5
+    table.loc[0, "rt"] = 90.0
+    checks = pd.DataFrame({"participant": ["p0", "p1", "p3", "p4"], "correct": [True, False, True, True]})
+    checks = checks.assign(scene="check", liquid="water", phase="attention", response=np.nan)
+    table = pd.concat([table.assign(phase="test"), checks])
+    read = read_responses(written(tmp_path, table), scenes())
+    left, told = exclude(read, ["min-sd=0.01", "max-rt=60", "min-attention=1", "participant=p4", "min-trials=3"])
+    assert [(one.rule, one.participants, one.trials) for one in told] == [
+        ("min-sd=0.01", ("p2",), 3),
+        ("max-rt=60", (), 1),
+        ("min-attention=1", ("p1",), 3),
+        ("participant=p4", ("p4",), 3),
+        ("min-trials=3", ("p0",), 2),
+    ]
+    assert set(left["participant"]) == {"p3"}
+
+
+@pytest.mark.parametrize(
+    ("rule", "said"),
+    [
+        ("min-std=1", "there is no 'min-std'; did you mean 'min-sd'"),
+        ("min-sd", "expected min-sd=VALUE"),
+        ("min-sd=much", "expected a number, found 'much'"),
+        ("participant=p9", "there is no such participant"),
+        ("repeats=middle", "expected first or last"),
+        ("min-attention=1", "needs rows of the phase 'attention'"),
+        ("min-sd=2", "no test trials are left"),
+    ],
+)
+def test_bad_rules(tmp_path, rule, said):
+    read = read_responses(written(tmp_path, good()), scenes())
+    with pytest.raises(InputError, match=said):
+        exclude(read, [rule])
+
+
+def test_a_rule_on_response_times_needs_them(tmp_path):
+    read = read_responses(written(tmp_path, good().drop(columns="rt")), scenes())
+    with pytest.raises(InputError, match="needs the column 'rt'"):
+        exclude(read, ["max-rt=3"])
