@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 COMMANDS = (
     "demo", "scenes", "new", "predict", "show", "import", "export", "sweep", "models", "bench",
+    "experiment simulate", "compare", "report", "reproduce", "recover", "power",
 )  # fmt: skip
 
 

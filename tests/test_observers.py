@@ -13,7 +13,9 @@ HEADS = {"water": "water-ife", "honey": "honey-ife-2"}
 
 def judge(heads):
     """What a model in a head says, here: its damping, as a share of 20."""
-    return {(liquid, spec): np.full(3, make_model(spec).damping_zeta / 20) for liquid, spec in heads}
+    return {
+        (liquid, spec): np.full(3, make_model(spec).damping_zeta / 20) for liquid, spec in heads
+    }
 
 
 def table_of(count, *, between=True, seed=0, **more):
@@ -38,7 +40,9 @@ def test_within_participants_each_sees_both():
     table = table_of(4, between=False)
     assert len(table) == 24
     assert (table.groupby("participant")["liquid"].nunique() == 2).all()
-    orders = table.groupby("participant")[["scene", "liquid"]].apply(lambda t: tuple(map(tuple, t.to_numpy())))
+    orders = table.groupby("participant")[["scene", "liquid"]].apply(
+        lambda t: tuple(map(tuple, t.to_numpy()))
+    )
     assert orders.nunique() == 1
 
 

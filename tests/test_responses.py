@@ -10,7 +10,12 @@ from tests.make import ramp_scene
 
 def scenes(count=3):
     return [
-        ramp_scene().model_copy(update={"id": f"s{k}", "liquid": ramp_scene().liquid.model_copy(update={"centre": (0.4, 1.3 + 0.001 * k)})})
+        ramp_scene().model_copy(
+            update={
+                "id": f"s{k}",
+                "liquid": ramp_scene().liquid.model_copy(update={"centre": (0.4, 1.3 + 0.001 * k)}),
+            }
+        )
         for k in range(count)
     ]
 
@@ -18,7 +23,13 @@ def scenes(count=3):
 def good(people=5, count=3):
     rng = np.random.default_rng(0)
     rows = [
-        {"participant": f"p{p}", "scene": f"s{s}", "liquid": "water", "response": round(rng.random(), 3), "rt": 2.0}
+        {
+            "participant": f"p{p}",
+            "scene": f"s{s}",
+            "liquid": "water",
+            "response": round(rng.random(), 3),
+            "rt": 2.0,
+        }
         for p in range(people)
         for s in range(count)
     ]
@@ -27,7 +38,9 @@ def good(people=5, count=3):
 
 def written(tmp_path, table, name="r.csv"):
     path = tmp_path / name
-    table.to_csv(path, index=False) if path.suffix == ".csv" else table.to_parquet(path, index=False)
+    table.to_csv(path, index=False) if path.suffix == ".csv" else table.to_parquet(
+        path, index=False
+    )
     return path
 
 
@@ -41,8 +54,12 @@ def test_good_table_becomes_an_array(tmp_path):
 
 
 def test_csv_and_parquet_say_the_same(tmp_path):
-    one, two = (read_responses(written(tmp_path, good(), name), scenes()) for name in ("r.csv", "r.parquet"))
-    assert (arrange(one, scenes(), "").pop().responses == arrange(two, scenes(), "").pop().responses).all()
+    one, two = (
+        read_responses(written(tmp_path, good(), name), scenes()) for name in ("r.csv", "r.parquet")
+    )
+    assert (
+        arrange(one, scenes(), "").pop().responses == arrange(two, scenes(), "").pop().responses
+    ).all()
 
 
 def test_honey_is_that_of_the_scene_s_experiment(tmp_path):
@@ -53,7 +70,9 @@ def test_honey_is_that_of_the_scene_s_experiment(tmp_path):
 
 
 def test_numbers_as_names_and_rows_in_any_order(tmp_path):
-    table = good().assign(participant=lambda t: t["participant"].str[1:]).sample(frac=1, random_state=0)
+    table = (
+        good().assign(participant=lambda t: t["participant"].str[1:]).sample(frac=1, random_state=0)
+    )
     found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "")
     assert found[0].participants == ("0", "1", "2", "3", "4")
     assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
@@ -70,7 +89,11 @@ def broken(change):
     [
         ("response", 1.2, "row 9, column response: expected 0..1, found 1.2"),
         ("response", -0.1, "row 9, column response: expected 0..1, found -0.1"),
-        ("response", 63, r"row 9, column response: expected 0..1 \(in percent\? add --percent\), found 63"),
+        (
+            "response",
+            63,
+            r"row 9, column response: expected 0..1 \(in percent\? add --percent\), found 63",
+        ),
         ("response", "left", "row 9, column response: expected a number, found 'left'"),
         ("response", None, "row 9, column response: expected a number, found nan"),
         ("participant", None, "row 9, column participant: expected a name"),
@@ -127,7 +150,9 @@ def test_no_file_and_a_wrong_one(tmp_path):
 def test_repeated_trials_are_refused_and_both_rows_named(tmp_path):
     table = pd.concat([good(), good().iloc[[4]].assign(response=0.9)])
     read = read_responses(written(tmp_path, table), scenes())
-    with pytest.raises(InputError, match=r"rows 6 and 17: participant p1 answered scene s1 \(water\) twice"):
+    with pytest.raises(
+        InputError, match=r"rows 6 and 17: participant p1 answered scene s1 \(water\) twice"
+    ):
         arrange(read, scenes(), "r.csv")
     kept, what = exclude(read, ["repeats=last"])
     assert what[0].trials == 1
@@ -137,7 +162,9 @@ def test_repeated_trials_are_refused_and_both_rows_named(tmp_path):
 def test_gaps_constant_answers_and_empty_scenes_are_told(tmp_path):
     table = good()
     table.loc[table["participant"] == "p2", "response"] = 0.5
-    table = table[(table["scene"] != "s2") & ~((table["participant"] == "p3") & (table["scene"] == "s1"))]
+    table = table[
+        (table["scene"] != "s2") & ~((table["participant"] == "p3") & (table["scene"] == "s1"))
+    ]
     found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "")
     told = " | ".join(remarks(found, scenes()))
     assert "nobody answered 1 scenes: s2" in told
@@ -156,7 +183,9 @@ def test_other_phases_are_not_compared(tmp_path):
 def test_mirrored_trials_are_turned_back(tmp_path):
     path = written(tmp_path, good().assign(mirrored=True))
     plain = good()["response"].to_numpy().reshape(5, 3)
-    assert arrange(read_responses(path, scenes()), scenes(), "")[0].responses == pytest.approx(1 - plain)
+    assert arrange(read_responses(path, scenes()), scenes(), "")[0].responses == pytest.approx(
+        1 - plain
+    )
     cups = [scene.model_copy(update={"goal": Cup(centre_x=0.5)}) for scene in scenes()]
     assert arrange(read_responses(path, cups), cups, "")[0].responses == pytest.approx(plain)
 
@@ -165,11 +194,15 @@ def test_rules(tmp_path):
     table = good()
     table.loc[table["participant"] == "p2", "response"] = 0.5
     table.loc[0, "rt"] = 90.0
-    checks = pd.DataFrame({"participant": ["p0", "p1", "p3", "p4"], "correct": [True, False, True, True]})
+    checks = pd.DataFrame(
+        {"participant": ["p0", "p1", "p3", "p4"], "correct": [True, False, True, True]}
+    )
     checks = checks.assign(scene="check", liquid="water", phase="attention", response=np.nan)
     table = pd.concat([table.assign(phase="test"), checks])
     read = read_responses(written(tmp_path, table), scenes())
-    left, told = exclude(read, ["min-sd=0.01", "max-rt=60", "min-attention=1", "participant=p4", "min-trials=3"])
+    left, told = exclude(
+        read, ["min-sd=0.01", "max-rt=60", "min-attention=1", "participant=p4", "min-trials=3"]
+    )
     assert [(one.rule, one.participants, one.trials) for one in told] == [
         ("min-sd=0.01", ("p2",), 3),
         ("max-rt=60", (), 1),

@@ -49,7 +49,14 @@ class Imagined:
     marbles: bool = False
 
 
-def imagine(scene: Scene, spec: str, liquid: Liquid, seed: int = 0) -> Imagined:
+def imagine(
+    scene: Scene,
+    spec: str,
+    liquid: Liquid,
+    seed: int = 0,
+    *,
+    settings: EngineSettings | None = None,
+) -> Imagined:
     """Judge a scene with a model, and record its typical pour or its paths.
 
     Parameters
@@ -62,11 +69,13 @@ def imagine(scene: Scene, spec: str, liquid: Liquid, seed: int = 0) -> Imagined:
         Liquid that is shown in the trial.
     seed
         Source of randomness.
+    settings
+        How pours are computed; shorter ones for a look at the start.
     """
     model = make_model(spec)
     if isinstance(model, SimulationModel):
         pours = model.pours(scene, liquid, seed)
-        outcomes = simulate(pours, record=True)
+        outcomes = simulate(pours, settings=settings, record=True)
         typical, outcome = pours[len(pours) // 2], outcomes[len(pours) // 2]
         kind = "honey" if typical.liquid.adhesion_tangential > 0 else "water"
         marbles = typical.kind == "marbles"

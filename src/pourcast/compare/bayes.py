@@ -27,9 +27,8 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", FutureWarning)
     import arviz as az
 
-# NumPyro hands each chain a new function, which JAX would compile again, for seconds.
+# Compiling takes ten seconds: the next process finds it done.
 jax.config.update("jax_compilation_cache_dir", user_cache_dir("pourcast-jax"))
-jax.config.update("jax_compilation_cache_max_size", 200_000_000)
 
 Array = NDArray[np.float64]
 
@@ -51,7 +50,7 @@ class Sampling:
     warmup, draws
         Steps of each chain before and after adaptation.
     chains
-        Number of chains, drawn side by side.
+        Number of chains.
     seed
         Source of all randomness.
     """
@@ -111,15 +110,18 @@ class ResponseModel:
 
     def __init__(self, sampling: Sampling | None = None) -> None:
         self._sampling = sampling or Sampling()
-        self._mcmc = MCMC(
+        # One function for all chains and data sets: `MCMC.run` by itself compiles each time.
+        self._chain = jax.jit(self._run_chain)
+
+    def _run_chain(self, key: Any, answers: Any, answered: Any, x: Any) -> Any:
+        mcmc = MCMC(
             NUTS(_model, init_strategy=init_to_median),
             num_warmup=self._sampling.warmup,
             num_samples=self._sampling.draws,
-            num_chains=self._sampling.chains,
-            chain_method="sequential",
             progress_bar=False,
-            jit_model_args=True,
         )
+        mcmc.run(key, answers, answered, x)
+        return mcmc.get_samples()
 
     def fit(self, responses: Array, judgments: Array, seed: int | None = None) -> Any:
         """Posterior of one model.
@@ -140,11 +142,13 @@ class ResponseModel:
         """
         answered = np.isfinite(responses)
         key = jax.random.PRNGKey(self._sampling.seed if seed is None else seed)
-        self._mcmc.run(
-            key, jnp.asarray(np.where(answered, responses, 0.5)), jnp.asarray(answered),
+        data = (
+            jnp.asarray(np.where(answered, responses, 0.5)),
+            jnp.asarray(answered),
             jnp.asarray(predictor(judgments)),
-        )  # fmt: skip
-        drawn = {k: np.asarray(v) for k, v in self._mcmc.get_samples(group_by_chain=True).items()}
+        )
+        chains = [self._chain(one, *data) for one in jax.random.split(key, self._sampling.chains)]
+        drawn = {name: np.stack([np.asarray(one[name]) for one in chains]) for name in chains[0]}
         log_likelihood = drawn["log_density"][:, :, answered]
         return az.from_dict(
             posterior={name: drawn[name] for name in PARAMETERS},
@@ -196,10 +200,10 @@ def compare_models(
             report(f"fitting {name}", done, len(models))
         fitted[name] = fitter.fit(responses, judgments)
     with warnings.catch_warnings():
-        # Bad Pareto k are counted in the table.
-        warnings.simplefilter("ignore", UserWarning)
+        # Bad Pareto k are counted in the table; the others are about ArviZ's own code.
+        warnings.simplefilter("ignore")
         loos = {name: az.loo(data, pointwise=True) for name, data in fitted.items()}
-    table = az.compare(loos, method="stacking") if len(loos) > 1 else None
+        table = az.compare(loos, method="stacking") if len(loos) > 1 else None
     rows = [_loo_row(name, loos[name], table) for name in (loos if table is None else table.index)]
     parameters = pd.concat([_summary(name, data) for name, data in fitted.items()])
     return BayesComparison(pd.DataFrame(rows), parameters.reset_index(drop=True))

@@ -38,7 +38,7 @@ CAPTIONS = {
     "against_null": "Participants' correlations with the ground truth, beside those of responses "
     "drawn from a beta distribution fitted to all responses; two-sample Kolmogorov-Smirnov.",
     "correlations": "Correlation of each model with people's mean judgments; lines: 95 % "
-    "intervals; diamonds: published values.",
+    "intervals; diamonds, if any: published values.",
     "best": "The best model of each family, {liquid} trials; a dot a scene.",
     "differences": "Who beats whom, {liquid} trials.",
     "zeta_profiles": "Correlation with people along the damping, other parameters as chosen; "

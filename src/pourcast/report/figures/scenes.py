@@ -21,6 +21,7 @@ from pourcast.pictures import (
 )
 from pourcast.report.figures.style import BLUE, PAGE, RC, new_figure
 from pourcast.scene import Scene
+from pourcast.simulation import EngineSettings
 
 PARTICLE_COUNTS = (15, 50, 100, 200)
 
@@ -55,7 +56,7 @@ def particle_engine(scene: Scene) -> Figure:
         panels[0].plot(distance, values, color=BLUE)
         panels[0].set(xlabel="r / support radius", ylabel="kernel W", title="Wendland C2")
         for axes, spec, label in zip(panels[1:], specs, _labels(), strict=True):
-            one = imagine(scene, spec, WATER)
+            one = imagine(scene, spec, WATER, settings=EngineSettings(max_duration=_MOMENT))
             draw_scene(axes, scene)
             _draw_particles(axes, scene, one)
             axes.set_title(label, fontsize=7)

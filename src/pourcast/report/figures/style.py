@@ -64,6 +64,7 @@ def save_figure(figure: Figure, path: Path, *, simulated: bool) -> list[Path]:
         figure.text(
             0.995, 0.002, SIMULATED, ha="right", va="bottom", fontsize=7, color=RED, gid="stamp"
         )
+        figure.set_figheight(figure.get_figheight() + _STAMP_HEIGHT)
         room = _STAMP_HEIGHT / figure.get_figheight()
         engine: Any = figure.get_layout_engine()
         engine.set(rect=(0.0, room, 1.0, 1.0 - room))

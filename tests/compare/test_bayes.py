@@ -1,0 +1,55 @@
+"""The likelihood of single answers: known answers, and intervals that hold what they promise."""
+
+import numpy as np
+import pytest
+
+from pourcast.compare.bayes import PARAMETERS, ResponseModel, Sampling, compare_models
+from tests.compare.test_likelihood import TRUE, draw
+
+
+def test_the_density_is_that_of_numpy():
+    from pourcast.compare.bayes import _log_density
+    from pourcast.compare.likelihood import ordered_beta_log_density
+
+    rng = np.random.default_rng(0)
+    answers, eta = np.append(rng.random(50), [0.0, 1.0]), rng.normal(0, 1.5, 52)
+    ours = ordered_beta_log_density(answers, eta, 7.0, (-3.0, 2.0), 0.05)
+    theirs = _log_density(answers, eta, 7.0, -3.0, 2.0, 0.05)
+    assert np.asarray(theirs) == pytest.approx(ours, rel=1e-4, abs=1e-4)
+
+
+def test_parameters_are_recovered_and_the_true_model_wins():
+    rng = np.random.default_rng(1)
+    judgments = rng.random(40)
+    answers = draw(rng, 16, judgments)
+    answers[3, 5] = answers[7, 9] = np.nan
+    models = {"other": rng.random(40), "true": judgments}
+    found = compare_models(answers, models, Sampling(warmup=250, draws=250, chains=2))
+    assert found.loo["model"].tolist() == ["true", "other"]
+    assert found.loo["elpd_diff"].iloc[1] > 4 * found.loo["dse"].iloc[1]
+    posterior = found.parameters[found.parameters["model"] == "true"].set_index("parameter")
+    assert (posterior["r_hat"] < 1.1).all()
+    inside = [posterior.loc[p, "low"] <= TRUE[p] <= posterior.loc[p, "high"] for p in PARAMETERS]
+    assert sum(inside) >= 6
+    assert posterior.loc["slope", "mean"] == pytest.approx(TRUE["slope"], abs=0.15)
+    assert posterior.loc["precision", "mean"] == pytest.approx(TRUE["precision"], rel=0.25)
+
+
+@pytest.mark.slow
+def test_intervals_are_calibrated():
+    # 80 % intervals of the population's parameters over 120 data sets. The true values are
+    # fixed, not drawn from the prior, so coverage is near 80 %, not just that.
+    fitter = ResponseModel(Sampling(warmup=250, draws=250, chains=1))
+    studies, held = 120, dict.fromkeys(PARAMETERS, 0)
+    for seed in range(studies):
+        rng = np.random.default_rng(seed)
+        judgments = rng.random(20)
+        fitted = fitter.fit(draw(rng, 10, judgments), judgments, seed=seed)
+        for name in PARAMETERS:
+            low, high = np.quantile(fitted.posterior[name], [0.1, 0.9])
+            held[name] += low <= TRUE[name] <= high
+    shares = {name: count / studies for name, count in held.items()}
+    print(shares)
+    for name in ("intercept", "slope", "precision"):
+        assert 0.7 <= shares[name] <= 0.9, shares  # 0.8 +- 2.7 standard errors
+    assert all(share >= 0.65 for share in shares.values()), shares

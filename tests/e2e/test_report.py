@@ -1,0 +1,81 @@
+"""Reports in a real browser: nothing is fetched, nothing complains, everything answers.
+
+Needs Chromium (Debian: `apt-get install chromium`), and is skipped without.
+"""
+
+import shutil
+from contextlib import contextmanager
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from pourcast import cli
+from pourcast.report.page import Options, write_report
+from tests.report.conftest import comparison, study
+
+__all__ = ["comparison", "study"]
+
+CHROMIUM = shutil.which("chromium")
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
+
+
+@contextmanager
+def opened(path):
+    """A page in a browser, with what it complained about and what it asked for."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        complaints, asked = [], []
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto(path.resolve().as_uri())
+        page.wait_for_function("[...document.images].every((image) => image.complete)")
+        yield page, complaints, asked
+        browser.close()
+
+
+def check(path, folder):
+    """Open a report, use it, keep a screenshot."""
+    with opened(path) as (page, complaints, asked):
+        assert page.evaluate("[...document.images].every((image) => image.naturalWidth > 0)")
+        page.wait_for_function(
+            "[...document.querySelectorAll('video')].every((video) => video.readyState >= 2)"
+        )
+        models = page.locator("#explore select").nth(1)
+        before = page.locator("#explore svg.plot").inner_html()
+        models.select_option(index=1)
+        assert page.locator("#explore svg.plot").inner_html() != before
+        dots = page.locator("#explore svg.plot circle")
+        dots.nth(2).dispatch_event("mouseenter")
+        label = dots.nth(2).get_attribute("aria-label")
+        assert page.locator("#thumbnail p").inner_text() == label
+        assert page.locator("#thumbnail polygon").count() > 2
+        wide = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+        assert wide <= 0, "the page scrolls sideways"
+        page.screenshot(path=folder / "report.png", full_page=True)
+        assert complaints == []
+        assert [url for url in asked if not url.startswith("data:")] == [path.resolve().as_uri()]
+        return page.title(), dots.count()
+
+
+def test_a_report_works_offline_in_chromium(comparison, tmp_path):
+    page = write_report(comparison, tmp_path, Options(films=1, studies=0))
+    title, dots = check(page, tmp_path)
+    assert title == "Simulated observers: study, Experiment 1 (basins)"
+    assert dots == 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("experiment", ["exp1", "exp2"])
+def test_the_readme_s_reproductions(experiment, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(["reproduce", experiment, "--quick", "-o", "out"]) == 0
+    title, dots = check(tmp_path / "out" / "report" / "report.html", tmp_path)
+    assert title.startswith("Simulated observers: out, Experiment")
+    assert dots == 24
+    # Again: everything is there already.
+    first = (tmp_path / "out" / "report" / "report.html").read_bytes()
+    assert cli.run(["reproduce", experiment, "--quick", "-o", "out"]) == 0
+    assert (tmp_path / "out" / "report" / "report.html").read_bytes() == first

@@ -1,0 +1,31 @@
+"""A small study with made-up judgments, real cheap models, and simulated observers."""
+
+import pytest
+
+from pourcast.analysis.agreement import Settings
+from pourcast.analysis.comparison import Request, compare_study
+from pourcast.analysis.rehearsal import rehearse
+from pourcast.experiment.observers import Observers
+from pourcast.judgments import write_table
+from pourcast.scene import write_scenes
+from tests.analysis.make import made_up_table, voronoi_scenes
+
+CHEAP = ("water-simple", "gravity", "truth-water:n_particles=15", "ife:n_particles=15,zeta_sigma=0")
+
+
+@pytest.fixture(scope="session")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("small") / "study"
+    scenes = voronoi_scenes(10)
+    write_scenes(folder / "scenes.json", scenes)
+    write_table(folder / "judgments" / "grid.parquet", made_up_table(scenes))
+    observers = Observers(
+        12, {"water": "water-simple", "honey": "gravity"}, between=True, spreads={}
+    )
+    rehearse(folder, scenes, observers)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def comparison(study):
+    return compare_study(study, Request(models=CHEAP, settings=Settings(resamples=500)))
