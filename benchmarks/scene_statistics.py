@@ -15,10 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.published import WITH_TRUTH_HONEY, WITH_TRUTH_WATER
 from pourcast import predict
 from pourcast.generate.select import CoarseFilter, filtered_scenes
 from pourcast.generate.voronoi import VoronoiFamily
+from pourcast.report.published import EXP1_TRUTH_HONEY, EXP1_TRUTH_WATER
 
 RIVALS = ("gravity", "water-simple", "honey-simple")
 """Cheap enough for many scenes. MarbleSim hardly moves with the scenes."""
@@ -52,7 +52,7 @@ def measure(family: VoronoiFamily, rule: CoarseFilter, count: int, seed: int) ->
     selection = filtered_scenes(family, count, seed, rule=rule)
     table = predict(selection.scenes, [*TRUTHS, *RIVALS])
     r = table.pivot(index="scene", columns="model", values="judgment").corr()
-    published = {"truth-water": WITH_TRUTH_WATER, "truth-honey": WITH_TRUTH_HONEY}
+    published = {"truth-water": EXP1_TRUTH_WATER, "truth-honey": EXP1_TRUTH_HONEY}
     errors = [r.loc[m, t] - published[t][m] for t in TRUTHS for m in RIVALS]
     obstacles = np.mean([len(scene.obstacles) for scene in selection.scenes])
     cells = [f"{selection.kept / selection.drawn:.2f}", f"{obstacles:.1f}"]

@@ -10,9 +10,9 @@ import argparse
 
 import numpy as np
 
-from benchmarks.published import WITH_TRUTH_HONEY, WITH_TRUTH_WATER
 from pourcast import predict, summarise
 from pourcast.model import presets
+from pourcast.report.published import EXP1_TRUTH_HONEY, EXP1_TRUTH_WATER
 from pourcast.study import SceneRequest, generate_scenes
 
 HEAD = """# Every model against both ground truths
@@ -51,8 +51,8 @@ def main() -> None:
     for name in presets():
         cells = [f"`{name}`", f"{means[name]:.2f}"]
         for truth, published in (
-            ("truth-water", WITH_TRUTH_WATER),
-            ("truth-honey", WITH_TRUTH_HONEY),
+            ("truth-water", EXP1_TRUTH_WATER),
+            ("truth-honey", EXP1_TRUTH_HONEY),
         ):
             a, b = wide[name].to_numpy(), wide[truth].to_numpy()
             same = name == truth

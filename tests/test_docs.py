@@ -16,6 +16,12 @@ COMMANDS = (
     "experiment simulate", "compare", "report", "reproduce", "recover", "power",
 )  # fmt: skip
 
+LONG_LINES = (
+    "pourcast reproduce exp1 --quick -o out",
+    "pourcast reproduce exp2 --quick --carry-from out -o out2",
+)
+"""Lines of minutes: `tests/e2e/test_report.py` runs them, as one of the slow tests; CI does."""
+
 
 def snippets(page):
     """(language, text) of the fenced blocks of a page."""
@@ -31,6 +37,8 @@ def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
         if language == "python":
             exec(compile(text, str(page), "exec"), names)
         for line in text.splitlines() if language == "sh" else ():
+            if line in LONG_LINES:
+                continue
             if line.startswith("pourcast "):
                 assert cli.run(shlex.split(line)[1:]) == 0, (line, capsys.readouterr().err)
             else:

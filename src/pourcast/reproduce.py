@@ -1,6 +1,6 @@
 """The paper's experiments from nothing to a report beside the published values."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,14 +8,18 @@ from pathlib import Path
 import pandas as pd
 
 from pourcast.analysis.agreement import Settings
+from pourcast.analysis.choice import candidates, count_without_alphas
 from pourcast.analysis.comparison import Comparison, Request, compare_study, sweep_words
+from pourcast.analysis.judged import read_judged
 from pourcast.analysis.rehearsal import HEADS, OBSERVERS, rehearse
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.observers import Observers
 from pourcast.report.page import Options, write_report
+from pourcast.responses import arrange, exclude, read_responses
+from pourcast.scene import Scene
 from pourcast.study import DEFAULT_SCENES, SceneRequest, open_study
 from pourcast.sweep.executors.choose import ClusterOptions, make_executor
-from pourcast.sweep.grid import read_grid
+from pourcast.sweep.grid import Grid, parse_grid, read_grid
 from pourcast.sweep.plan import make_plan
 from pourcast.sweep.run import run_sweep
 from pourcast.sweep.store import Store
@@ -30,6 +34,22 @@ CANDIDATES = 1000
 
 GRIDS = {"exp1": "paper-exp1", "exp2": "paper-exp2"}
 QUICK_GRID = "quick"
+
+
+ALPHA_GRID = """\
+# Thicker water at the number of particles that the responses chose: the next stage of the fit.
+title = "viscosity at N = {count}"
+
+[[models]]
+model = "ife"
+liquids = ["water", "honey"]
+parameters.liquid = "water"
+parameters.n_particles = {count}
+parameters.viscosity_alpha = [0.2, 2]
+parameters.damping_zeta = {{ from = 0, to = 16, step = 1 }}
+parameters.zeta_sigma = 4
+"""
+"""The paper's other values of alpha, which its grid has at N = 50 only."""
 
 
 @dataclass(frozen=True)
@@ -115,14 +135,7 @@ def reproduce(
     carried = None if wanted.carry_from is None else read_choice(wanted.carry_from)
     scenes = open_study(folder, wanted.request, report)
     grid = read_grid(QUICK_GRID if wanted.quick else GRIDS[wanted.experiment])
-    store = Store(folder / "sweep")
-    opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
-    result = run_sweep(
-        make_plan(grid, scenes), store, opened, report=sweep_words(report, "simulating")
-    )
-    write_judgments(folder / "judgments", grid.name, result.table)
-    if result.failures:
-        raise StoreError(f"{folder}: {result.failures[0].message}")
+    _sweep(folder, scenes, grid, workers, report)
     responses = wanted.responses
     if responses is None:
         observers = Observers(
@@ -134,6 +147,26 @@ def reproduce(
         responses=responses, percent=wanted.percent, exclude=wanted.exclude,
         settings=Settings(seed=wanted.seed), carried=carried,
     )  # fmt: skip
+    table, _ = exclude(read_responses(responses, scenes, percent=wanted.percent), wanted.exclude)
+    trials = arrange(table, scenes, str(responses))
+    count = count_without_alphas(candidates(read_judged(folder, scenes), trials))
+    if count is not None:
+        text = ALPHA_GRID.format(count=count)
+        _sweep(folder, scenes, parse_grid(text, f"alpha-{count}", "alpha"), workers, report)
     comparison = compare_study(folder, request, report)
     page = write_report(comparison, folder / "report", Options(), report)
     return comparison, page
+
+
+def _sweep(
+    folder: Path, scenes: Sequence[Scene], grid: Grid, workers: int | None, report: Report | None
+) -> None:
+    """Run a grid in the study, and write its judgments."""
+    store = Store(folder / "sweep")
+    opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
+    result = run_sweep(
+        make_plan(grid, scenes), store, opened, report=sweep_words(report, "simulating")
+    )
+    write_judgments(folder / "judgments", grid.name, result.table)
+    if result.failures:
+        raise StoreError(f"{folder}: {result.failures[0].message}")

@@ -3,6 +3,7 @@
 Needs Chromium (Debian: `apt-get install chromium`), and is skipped without.
 """
 
+import shlex
 import shutil
 from contextlib import contextmanager
 
@@ -12,6 +13,7 @@ from playwright.sync_api import sync_playwright
 from pourcast import cli
 from pourcast.report.page import Options, write_report
 from tests.report.conftest import comparison, study
+from tests.test_docs import LONG_LINES
 
 __all__ = ["comparison", "study"]
 
@@ -68,14 +70,16 @@ def test_a_report_works_offline_in_chromium(comparison, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("experiment", ["exp1", "exp2"])
-def test_the_readme_s_reproductions(experiment, tmp_path, monkeypatch):
+def test_the_reproductions_of_the_documentation(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cli.run(["reproduce", experiment, "--quick", "-o", "out"]) == 0
-    title, dots = check(tmp_path / "out" / "report" / "report.html", tmp_path)
-    assert title.startswith("Simulated observers: out, Experiment")
-    assert dots == 24
-    # Again: everything is there already.
+    for line in LONG_LINES:
+        assert cli.run(shlex.split(line)[1:]) == 0, line
+    for out, experiment in (("out", "Experiment 1 (basins)"), ("out2", "Experiment 2 (cup)")):
+        title, dots = check(tmp_path / out / "report" / "report.html", tmp_path)
+        assert title == f"Simulated observers: {out}, {experiment}"
+        assert dots == 24
+    assert "carried over unchanged" in (tmp_path / "out2" / "report" / "report.html").read_text()
+    # Again: everything is there already, and comes out the same.
     first = (tmp_path / "out" / "report" / "report.html").read_bytes()
-    assert cli.run(["reproduce", experiment, "--quick", "-o", "out"]) == 0
+    assert cli.run(shlex.split(LONG_LINES[0])[1:]) == 0
     assert (tmp_path / "out" / "report" / "report.html").read_bytes() == first

@@ -187,6 +187,30 @@ def _pick(
         chosen[name] = int(np.where(usable, scores, -np.inf).argmax())
 
 
+def count_without_alphas(sets: Mapping[str, Candidates]) -> int | None:
+    """The chosen number of particles, if no other viscosity was swept at it.
+
+    Parameters
+    ----------
+    sets
+        From `candidates`.
+    """
+    chosen = choose(sets, _scores(sets))
+    if "water-ife" not in chosen:
+        return None
+    water = sets["water-ife"]
+    count = water.values(chosen["water-ife"])["n_particles"]
+    alphas = set(water.axes["viscosity_alpha"][water.at(n_particles=count)])
+    return int(count) if alphas == {OWN_ALPHA} else None
+
+
+def _scores(sets: Mapping[str, Candidates]) -> dict[str, Array]:
+    return {
+        name: pearson(mean_judgments(one.trials.responses), one.judgments)
+        for name, one in sets.items()
+    }
+
+
 def spec_of(name: str, values: Mapping[str, Any]) -> str:
     """Spec of a fitted model: its preset, with the chosen parameters."""
     parts = [
@@ -208,13 +232,9 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
         from the best one's), `paper` (the paper's parameters) and `r_paper` (their r
         here), `spec`.
     """
-    scores = {
-        name: pearson(mean_judgments(one.trials.responses), one.judgments)
-        for name, one in sets.items()
-    }
-    chosen = choose(sets, scores)
+    scores = _scores(sets)
     rows = []
-    for name, place in chosen.items():
+    for name, place in choose(sets, scores).items():
         one, values = sets[name], sets[name].values(place)
         drawn = resample(
             one.trials.responses, settings.resampled, settings.rng(7), settings.resamples
@@ -344,9 +364,9 @@ def _most_chosen(name: str, one: Candidates, places: Sequence[int], most: int = 
 
 def scores_table(sets: Mapping[str, Candidates]) -> pd.DataFrame:
     """Correlation of every candidate with people: what heat maps and profiles are drawn from."""
-    tables = []
+    tables, scores = [], _scores(sets)
     for name, one in sets.items():
-        r = pearson(mean_judgments(one.trials.responses), one.judgments)
+        r = scores[name]
         tables.append(
             pd.DataFrame({"model": name, "liquid": one.trials.liquid, **one.axes, "r": r})
         )
