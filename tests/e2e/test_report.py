@@ -3,10 +3,12 @@
 Needs Chromium (Debian: `apt-get install chromium`), and is skipped without.
 """
 
+import json
 import shlex
 import shutil
 from contextlib import contextmanager
 
+import pandas as pd
 import pytest
 from playwright.sync_api import sync_playwright
 
@@ -70,16 +72,27 @@ def test_a_report_works_offline_in_chromium(comparison, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_reproductions_of_the_documentation(tmp_path, monkeypatch):
+def test_the_reproductions_of_the_documentation(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for line in LONG_LINES:
         assert cli.run(shlex.split(line)[1:]) == 0, line
+    first = (tmp_path / "out" / "report" / "report.html").read_bytes()
     for out, experiment in (("out", "Experiment 1 (basins)"), ("out2", "Experiment 2 (cup)")):
         title, dots = check(tmp_path / out / "report" / "report.html", tmp_path)
         assert title == f"Simulated observers: {out}, {experiment}"
         assert dots == 24
     assert "carried over unchanged" in (tmp_path / "out2" / "report" / "report.html").read_text()
+    # A planted zeta is found again (24 scenes, 30 observers).
+    capsys.readouterr()
+    assert cli.run(["recover", "parameters", "out", "--observers", "30", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert min(row["within_one_step"] for row in rows) >= 0.9
+    # People's responses take the observers' place.
+    people = pd.read_csv("out/responses/simulated.csv").assign(simulated=False)
+    people.to_csv("people.csv", index=False)
+    assert cli.run([*shlex.split(LONG_LINES[0])[1:], "--responses", "people.csv"]) == 0
+    title, _ = check(tmp_path / "out" / "report" / "report.html", tmp_path)
+    assert title == "out, Experiment 1 (basins)"
     # Again: everything is there already, and comes out the same.
-    first = (tmp_path / "out" / "report" / "report.html").read_bytes()
     assert cli.run(shlex.split(LONG_LINES[0])[1:]) == 0
     assert (tmp_path / "out" / "report" / "report.html").read_bytes() == first

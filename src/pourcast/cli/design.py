@@ -98,7 +98,7 @@ def recover(
             specs = list(dict.fromkeys(model or presets()))
             if len(specs) < 2:
                 raise InputError("model: expected at least two models to tell apart")
-            found = judge_in_study(study, scenes, [(liquid, spec) for spec in specs], "compare")
+            found = judge_in_study(study, scenes, [(liquid, spec) for spec in specs], "design")
             models = {spec: found[liquid, spec] for spec in specs}
             table = design.model_recovery_table(models, report=bar, **common)
             title = f"{liquid} trials: {observers} participants, {len(scenes)} scenes"
@@ -166,7 +166,7 @@ def power(
         bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
     )
     with progress_bar() as bar:
-        found = judge_in_study(study, there, [(liquid, spec) for spec in specs], "compare")
+        found = judge_in_study(study, there, [(liquid, spec) for spec in specs], "design")
         table = power_table(
             {spec: found[liquid, spec] for spec in specs},
             observers=observers or (5, 10, 20, 40), scenes=scenes or [len(there)],

@@ -76,7 +76,8 @@ def provenance(comparison: Comparison) -> list[tuple[str, str]]:
     ]
     files = [study / "study.toml", study / "scenes.json"]
     files += sorted((study / "judgments").glob("*"))
-    files += sorted((study / "sweep" / "grids").glob("*.toml"))
+    grids = sorted((study / "sweep" / "grids").glob("*.toml"))
+    files += [file for file in grids if (study / "judgments" / f"{file.stem}.parquet").exists()]
     rows += [
         (str(file.relative_to(study)), f"sha256 {_sha256(file)}")
         for file in files
