@@ -133,3 +133,18 @@ def test_any_star_is_split_into_convex_pieces_that_cover_it(radii):
     for piece in pieces:
         assert piece.convex_hull.area == pytest.approx(piece.area, abs=1e-9)
         assert piece.exterior.is_ccw
+
+
+def test_a_study_that_was_interrupted_is_gone_on_with(tmp_path):
+    from pourcast.errors import InputError
+    from pourcast.study import SceneRequest, new_study, open_study
+
+    request = SceneRequest("exp1", 2, 3, 10)
+    new_study(tmp_path / "whole", request)
+    whole = (tmp_path / "whole" / "scenes.json").read_bytes()
+    (tmp_path / "whole" / "scenes.json").unlink()
+    scenes = open_study(tmp_path / "whole", request)
+    assert (tmp_path / "whole" / "scenes.json").read_bytes() == whole
+    assert open_study(tmp_path / "whole", request) == scenes
+    with pytest.raises(InputError, match="made with other settings"):
+        open_study(tmp_path / "whole", SceneRequest("exp1", 3, 3, 10))

@@ -78,10 +78,15 @@ def test_numbers_as_names_and_rows_in_any_order(tmp_path):
     assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
 
 
-def broken(change):
-    table = good().astype({"response": object, "participant": object, "rt": object})
-    change(table)
-    return table
+def test_blank_lines_are_no_rows_but_count(tmp_path):
+    path = tmp_path / "r.csv"
+    lines = good().to_csv(index=False).splitlines()
+    path.write_text("\n".join([*lines[:3], "", *lines[3:], "", ""]))
+    found = arrange(read_responses(path, scenes()), scenes(), "")
+    assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
+    path.write_text(path.read_text().replace(lines[5], lines[5].replace("s1", "s9")))
+    with pytest.raises(InputError, match="row 7, column scene"):
+        read_responses(path, scenes())
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """How fast this machine simulates, and how long the paper's grid of simulations takes on it."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,14 +15,12 @@ from pourcast.generate.select import drawn_scene, filtered_scenes
 from pourcast.generate.shapes import ShapesFamily
 from pourcast.generate.voronoi import VoronoiFamily
 from pourcast.liquid import WATER
+from pourcast.progress import Report
 from pourcast.scene import Scene
 from pourcast.simulation import EngineSettings, Kind
 from pourcast.sweep.estimate import in_words, measure, parts_of
 from pourcast.sweep.grid import read_grid
 from pourcast.sweep.plan import make_plan
-
-Report = Callable[[str, int, int], None]
-"""Called with what is going on, how much of it is done, and how much there is."""
 
 COUNTS = (25, 50, 75, 100, 200)
 BATCH = 64

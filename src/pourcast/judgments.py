@@ -1,7 +1,7 @@
 """Judgments of models on scenes, as a tidy table."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +10,8 @@ import pandas as pd
 from pourcast.errors import InputError
 from pourcast.files import replacing
 from pourcast.model import make_model, resolve_liquid
+from pourcast.progress import Report
 from pourcast.scene import Scene
-
-Report = Callable[[str, int, int], None]
-"""Called with a model's name, the simulations done, and how many there are."""
 
 TABLE_SUFFIXES = (".csv", ".parquet")
 

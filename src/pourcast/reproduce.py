@@ -1,21 +1,20 @@
 """The paper's experiments from nothing to a report beside the published values."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import pandas as pd
-
 from pourcast.analysis.agreement import Settings
-from pourcast.analysis.choice import candidates, count_without_alphas
+from pourcast.analysis.choice import candidates, count_without_alphas, read_choice
 from pourcast.analysis.comparison import Comparison, Request, compare_study, sweep_words
 from pourcast.analysis.judged import read_judged
 from pourcast.analysis.rehearsal import HEADS, OBSERVERS, rehearse
-from pourcast.errors import InputError, StoreError
+from pourcast.errors import StoreError
 from pourcast.experiment.observers import Observers
+from pourcast.progress import Report
 from pourcast.report.page import Options, write_report
-from pourcast.responses import arrange, exclude, read_responses
+from pourcast.responses import Trials, arrange, exclude, read_responses
 from pourcast.scene import Scene
 from pourcast.study import DEFAULT_SCENES, SceneRequest, open_study
 from pourcast.sweep.executors.choose import ClusterOptions, make_executor
@@ -24,9 +23,6 @@ from pourcast.sweep.plan import make_plan
 from pourcast.sweep.run import run_sweep
 from pourcast.sweep.store import Store
 from pourcast.sweep.table import write_judgments
-
-Report = Callable[[str, int, int], None]
-"""Called with what is going on, how much of it is done, and how much there is."""
 
 QUICK_SCENES = 24
 QUICK_CANDIDATES = 200
@@ -91,26 +87,6 @@ class Reproduction:
         return SceneRequest(self.experiment, self.scenes or count, self.seed, candidates)
 
 
-def read_choice(folder: Path) -> pd.DataFrame:
-    """Parameters that were chosen in another study, from its report.
-
-    Raises
-    ------
-    InputError
-        If there is no such table.
-    """
-    path = folder / "report" / "tables" / "choice.csv"
-    try:
-        table = pd.read_csv(path)
-        table[["model", "spec", "r"]]
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{path}: not a table of chosen parameters ({error}); expected the folder of a study "
-            "with a report"
-        ) from None
-    return table
-
-
 def reproduce(
     folder: Path, wanted: Reproduction, workers: int | None = None, report: Report | None = None
 ) -> tuple[Comparison, Path]:
@@ -134,6 +110,8 @@ def reproduce(
     """
     carried = None if wanted.carry_from is None else read_choice(wanted.carry_from)
     scenes = open_study(folder, wanted.request, report)
+    if wanted.responses is not None:
+        _trials(wanted, wanted.responses, scenes)  # Bad input is told before long work.
     grid = read_grid(QUICK_GRID if wanted.quick else GRIDS[wanted.experiment])
     _sweep(folder, scenes, grid, workers, report)
     responses = wanted.responses
@@ -147,8 +125,7 @@ def reproduce(
         responses=responses, percent=wanted.percent, exclude=wanted.exclude,
         settings=Settings(seed=wanted.seed), carried=carried,
     )  # fmt: skip
-    table, _ = exclude(read_responses(responses, scenes, percent=wanted.percent), wanted.exclude)
-    trials = arrange(table, scenes, str(responses))
+    trials = _trials(wanted, responses, scenes)
     count = count_without_alphas(candidates(read_judged(folder, scenes), trials))
     if count is not None:
         text = ALPHA_GRID.format(count=count)
@@ -156,6 +133,11 @@ def reproduce(
     comparison = compare_study(folder, request, report)
     page = write_report(comparison, folder / "report", Options(), report)
     return comparison, page
+
+
+def _trials(wanted: Reproduction, responses: Path, scenes: Sequence[Scene]) -> list[Trials]:
+    table, _ = exclude(read_responses(responses, scenes, percent=wanted.percent), wanted.exclude)
+    return arrange(table, scenes, str(responses))
 
 
 def _sweep(

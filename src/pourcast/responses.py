@@ -103,9 +103,10 @@ def read_responses(path: Path, scenes: Sequence[Scene], *, percent: bool = False
             f"{path}: column {missing[0]!r} is missing; expected {', '.join(REQUIRED)}, "
             f"found {', '.join(map(str, table.columns))}"
         )
+    blank = table.isna().all(axis=1)
+    table = table.assign(row=np.arange(len(table)) + _FIRST_ROW)[~blank]
     if table.empty:
         raise InputError(f"{path}: no rows, expected one a trial")
-    table = table.assign(row=np.arange(len(table)) + _FIRST_ROW)
     for name in ("participant", "scene", "liquid"):
         _refuse(path, table, name, table[name].isna(), "expected a name")
         table[name] = table[name].map(_text)

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from pourcast.errors import InputError
 from pourcast.files import write_text
-from pourcast.generate.select import Report, Selection, contrasting_scenes, filtered_scenes
+from pourcast.generate.select import Selection, contrasting_scenes, filtered_scenes
 from pourcast.generate.shapes import ShapesFamily
 from pourcast.generate.voronoi import VoronoiFamily
+from pourcast.progress import Report
 from pourcast.scene import Scene, read_scenes, write_scenes
 
 EXPERIMENTS = ("exp1", "exp2")

@@ -163,6 +163,20 @@ def test_a_study_without_a_sweep_is_compared_all_the_same(study, tmp_path, capsy
         (["recover", "models", "{study}", "-m", "gravity"], "expected at least two models"),
         (["power", "{study}", "-m", "gravity"], "expected two models to tell apart, found 1"),
         (["reproduce", "exp1", "-o", "{study}"], "exists and is not an empty folder"),
+        (
+            [
+                "reproduce",
+                "exp1",
+                "--quick",
+                "-n",
+                "3",
+                "-o",
+                "{study}-new",
+                "--responses",
+                "none.csv",
+            ],
+            "none.csv: cannot be read",
+        ),
     ],
 )
 def test_bad_calls(study, capsys, monkeypatch, tmp_path, arguments, said):

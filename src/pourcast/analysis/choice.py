@@ -9,6 +9,7 @@ another end where a joint search would: at the best correlation.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from pourcast.analysis.judged import OWN_ALPHA, Judged
 from pourcast.compare.bootstrap import interval, resample
 from pourcast.compare.correlation import mean_judgments, pearson
 from pourcast.compare.fit import flat, halve_scenes, profile, tied
+from pourcast.errors import InputError
 from pourcast.model import make_model
 from pourcast.responses import Trials
 
@@ -406,3 +408,23 @@ def carried_table(
                 }
             )  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def read_choice(folder: Path) -> pd.DataFrame:
+    """Parameters that were chosen in another study, from its report.
+
+    Raises
+    ------
+    InputError
+        If there is no such table.
+    """
+    path = folder / "report" / "tables" / "choice.csv"
+    try:
+        table = pd.read_csv(path)
+        table[["model", "spec", "r"]]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{path}: not a table of chosen parameters ({error}); expected the folder of a study "
+            "with a report"
+        ) from None
+    return table

@@ -14,13 +14,11 @@ from pourcast.compare.reliability import FEWEST_PARTICIPANTS
 from pourcast.errors import InputError
 from pourcast.extras import optional_module
 from pourcast.model import presets
+from pourcast.progress import Report
 from pourcast.responses import Exclusion, arrange, exclude, read_responses, remarks
 from pourcast.scene import Scene
 from pourcast.study import load_scenes
 from pourcast.sweep.run import SweepProgress
-
-Report = Callable[[str, int, int], None]
-"""Called with what is going on, how much of it is done, and how much there is."""
 
 RESPONSES = "responses"
 """Folder of a study that holds tables of responses."""
@@ -96,6 +94,12 @@ class Comparison:
     remarks: tuple[str, ...]
     individuals: Individuals
     tables: dict[str, pd.DataFrame]
+
+    def marked_tables(self) -> dict[str, pd.DataFrame]:
+        """The tables; if observers were simulated, with a column that says so."""
+        if not self.simulated:
+            return self.tables
+        return {name: table.assign(simulated=True) for name, table in self.tables.items()}
 
 
 TABLES = {

@@ -13,10 +13,9 @@ from pourcast.compare.observer import Population
 from pourcast.compare.recovery import confusion, power_of, recover_parameters
 from pourcast.errors import InputError
 from pourcast.model import make_model, unknown
+from pourcast.progress import Report
 
 Array = NDArray[np.float64]
-
-Progress = Callable[[str, int, int], None]
 
 
 def along(judged: Judged, liquid: str, spec: str, axis: str) -> tuple[list[Any], Array]:
@@ -67,7 +66,7 @@ def along(judged: Judged, liquid: str, spec: str, axis: str) -> tuple[list[Any],
     return values, np.stack([found[value] for value in values])
 
 
-def _planting(report: Progress | None) -> Callable[[int, int], None] | None:
+def _planting(report: Report | None) -> Callable[[int, int], None] | None:
     if report is None:
         return None
     return lambda done, total: report("planting", done, total)
@@ -82,7 +81,7 @@ def parameter_recovery_table(
     population: Population,
     spread: float,
     seed: int,
-    report: Progress | None = None,
+    report: Report | None = None,
 ) -> pd.DataFrame:
     """Each value planted in turn, and which values its studies recovered.
 
@@ -110,7 +109,7 @@ def model_recovery_table(
     studies: int,
     population: Population,
     seed: int,
-    report: Progress | None = None,
+    report: Report | None = None,
 ) -> pd.DataFrame:
     """Each model planted in turn, and which model fits its studies best: shares of the studies.
 
@@ -138,7 +137,7 @@ def power_table(
     resampled: Resampled,
     level: float,
     seed: int,
-    report: Progress | None = None,
+    report: Report | None = None,
 ) -> pd.DataFrame:
     """Power to tell two models apart, for designs of several sizes.
 

@@ -1,6 +1,6 @@
 """A study's responses, rehearsed by simulated observers."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +10,8 @@ from pourcast.analysis.comparison import RESPONSES, sweep_words
 from pourcast.analysis.judged import judge_in_study
 from pourcast.experiment.observers import Head, Observers, simulate_observers
 from pourcast.judgments import write_table
+from pourcast.progress import Report
 from pourcast.scene import Scene
-
-Report = Callable[[str, int, int], None]
 
 OBSERVERS = {"exp1": 65, "exp2": 21}
 """Participants of the paper's experiments."""

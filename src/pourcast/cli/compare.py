@@ -16,7 +16,13 @@ from pourcast.cli.options import (
     scenes_of_study,
 )
 from pourcast.cli.scenes import Experiment
-from pourcast.cli.terminal import print_json, print_table, progress_bar, records
+from pourcast.cli.terminal import (
+    InterruptedWorkError,
+    print_json,
+    print_table,
+    progress_bar,
+    records,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +47,6 @@ CarryOption = Annotated[
     Path | None,
     typer.Option("--carry-from", metavar="STUDY", help="Carry over the parameters chosen there."),
 ]
-
 BayesOption = Annotated[
     bool,
     typer.Option("--bayes", help="Also the likelihood of single answers, by PSIS-LOO; minutes."),
@@ -60,8 +65,8 @@ def _request(
     bayes: bool,
 ) -> "Request":
     from pourcast.analysis.agreement import Settings
+    from pourcast.analysis.choice import read_choice
     from pourcast.analysis.comparison import Request
-    from pourcast.reproduce import read_choice
 
     return Request(
         responses=responses,
@@ -98,18 +103,21 @@ def compare(
     Example: pourcast compare my-study --exclude min-sd=0.05
     """
     from pourcast.analysis.comparison import compare_study
+    from pourcast.files import check_writable
     from pourcast.judgments import write_table
 
+    if out is not None:
+        check_writable(out / "agreement.csv")
     request = _request(
         responses, model, percent, exclude, resample, resamples, seed, carry_from, bayes
     )
     with progress_bar() as report:
         found = compare_study(study, request, report)
     if out is not None:
-        for name, table in found.tables.items():
+        for name, table in found.marked_tables().items():
             write_table(out / f"{name}.csv", table)
     if as_json:
-        tables = {name: records(table) for name, table in found.tables.items()}
+        tables = {name: records(table) for name, table in found.marked_tables().items()}
         print_json({"simulated": found.simulated, "remarks": found.remarks, "tables": tables})
         return
     _print_comparison(found)
@@ -261,6 +269,11 @@ def reproduce(
     wanted = Reproduction(
         experiment.value, quick, seed, scenes, responses, carry_from, tuple(exclude or ()), percent
     )
-    with progress_bar() as bar:
-        found, page = run(out, wanted, workers, bar)
+    try:
+        with progress_bar() as bar:
+            found, page = run(out, wanted, workers, bar)
+    except KeyboardInterrupt:
+        raise InterruptedWorkError(
+            f"interrupted: what is done lies in {out}; the same command goes on from there"
+        ) from None
     _print_report(found, page)

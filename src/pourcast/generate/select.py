@@ -5,7 +5,7 @@ an obstacle (Bates et al., Experiment 1). `contrasting_scenes` chooses scenes
 on which the models of water and of honey disagree (Experiment 2).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pourcast.errors import InputError
 from pourcast.liquid import HONEY_EXP2, WATER, Liquid
 from pourcast.model import make_model
+from pourcast.progress import Report
 from pourcast.scene import Scene
 from pourcast.simulation import Pour, simulate
 
@@ -23,9 +24,6 @@ BATCH = 64
 
 _MIN_ACCEPTANCE = 0.002
 _PATIENCE = 2000
-
-Report = Callable[[str, int, int], None]
-"""Called with what is going on, how much of it is done, and how much there is."""
 
 
 class SceneFamily(Protocol):

@@ -1,6 +1,6 @@
 """What a report shows: figures with their captions, films, and what the design could tell apart."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,9 @@ from pourcast.compare.correlation import mean_judgments
 from pourcast.compare.observer import Population
 from pourcast.errors import InputError
 from pourcast.pictures import show
+from pourcast.progress import Report
 from pourcast.report.figures import design, fits, models, people, scenes
 from pourcast.scene import Scene
-
-Report = Callable[[str, int, int], None]
-"""Called with what is going on, how much of it is done, and how much there is."""
 
 BEST_IFE = {"water": "water-ife", "honey": "honey-ife-2"}
 """The paper's best model of each liquid's trials."""

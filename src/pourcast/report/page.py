@@ -17,8 +17,9 @@ from pourcast.analysis.comparison import TABLES, Comparison
 from pourcast.compare.correlation import mean_judgments
 from pourcast.files import write_text
 from pourcast.judgments import write_table
+from pourcast.progress import Report
 from pourcast.report import contents
-from pourcast.report.contents import Film, Report, Shown, experiment_of
+from pourcast.report.contents import Film, Shown, experiment_of
 from pourcast.report.display import readable
 from pourcast.report.figures.style import save_figure
 from pourcast.report.methods import methods, provenance
@@ -83,9 +84,8 @@ def write_report(
         simulated = shown.section == "design" or (comparison.simulated and shown.of_people)
         save_figure(shown.figure, folder / "figures" / shown.name, simulated=simulated)
     films = contents.films(comparison, folder / "films", options.films, tell)
-    for name, table in comparison.tables.items():
-        flagged = table.assign(simulated=True) if comparison.simulated else table
-        write_table(folder / "tables" / f"{name}.csv", flagged)
+    for name, table in comparison.marked_tables().items():
+        write_table(folder / "tables" / f"{name}.csv", table)
     for shown in figures:
         if shown.table is not None:
             flagged = shown.table.rename(columns=str).assign(simulated=True)

@@ -2,7 +2,7 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,12 +11,10 @@ import pandas as pd
 
 from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
 from pourcast.engine.simd import LANES
+from pourcast.progress import Report
 from pourcast.sweep.plan import Plan, Shard, Span, trajectory_bytes
 from pourcast.sweep.settings import PourSetting
 from pourcast.sweep.shard import compute, task_of
-
-Report = Callable[[str, int, int], None]
-"""Called with what is going on, how much of it is done, and how much there is."""
 
 Group = tuple[str, int, str]
 

@@ -68,5 +68,5 @@ def power(table: pd.DataFrame, title: str) -> Figure:
             )  # fmt: skip
         axes.axhline(0.8, color="black", linewidth=0.5, linestyle=":")
         axes.set(xlabel="participants", ylabel="power", ylim=(-0.02, 1.02), title=title)
-        axes.legend(frameon=False, loc="lower right")
+        axes.legend(frameon=False)
     return figure

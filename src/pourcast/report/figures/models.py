@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pourcast.analysis.agreement import Compared, short_liquid
+from pourcast.analysis.judged import family_of, name_of
 from pourcast.compare.correlation import mean_judgments, pearson
 from pourcast.report.figures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
 from pourcast.report.published import with_people
@@ -97,8 +98,8 @@ def best_of_each_family(compared: Compared, most: int = 4) -> list[str]:
 
 
 def _family(name: str) -> str:
-    base = name.partition(":")[0]
-    return "truth" if base.startswith("truth") else base.replace("water-", "").replace("honey-", "")
+    base = name_of(name)
+    return "truth" if base.startswith("truth") else family_of(base)
 
 
 def differences(table: pd.DataFrame, liquid: str) -> Figure:
