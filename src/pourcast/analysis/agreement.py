@@ -148,10 +148,9 @@ def agreement_table(compared: Compared, settings: Settings) -> pd.DataFrame:
 def _nan_interval(values: Array, level: float) -> tuple[Array, Array]:
     """Interval over the resamples that gave a number; NaN if less than nine in ten did."""
     enough = np.isfinite(values).mean(axis=0) >= 0.9
-    filled = np.where(np.isfinite(values) & enough, values, np.nan)
     tail = 50.0 * (1.0 - level)
-    safe = np.where(enough, filled, 0.0)
-    low, high = np.nanpercentile(safe, [tail, 100.0 - tail], axis=0)
+    usable = np.where(enough, values, 0.0)
+    low, high = np.nanpercentile(usable, [tail, 100.0 - tail], axis=0)
     return np.where(enough, low, np.nan), np.where(enough, high, np.nan)
 
 

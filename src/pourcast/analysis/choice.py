@@ -10,7 +10,7 @@ another end where a joint search would: at the best correlation.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -33,33 +33,44 @@ HALVINGS = 500
 FEWEST_SCENES = 8
 """A half needs at least four scenes for a correlation that means anything."""
 
-IFE_AXES = ("n_particles", "viscosity_alpha", "damping_zeta")
 
-FITTED: Mapping[str, tuple[str, dict[str, Any], tuple[str, ...]]] = {
-    "water-ife": ("water", {"family": "ife", "head": "water", "zeta_sigma": 4}, IFE_AXES),
-    "honey-ife-1": ("honey", {"family": "ife", "head": "honey", "zeta_sigma": 4}, IFE_AXES),
-    "honey-ife-2": ("honey", {"family": "ife", "head": "water", "zeta_sigma": 4}, IFE_AXES),
-    "water-marble": (
-        "water", {"family": "marble", "zeta_sigma": 4}, ("n_particles", "damping_zeta")
-    ),
-    "honey-marble": (
-        "honey", {"family": "marble", "zeta_sigma": 4}, ("n_particles", "damping_zeta")
-    ),
-    "water-simple": ("water", {"family": "simple", "m_sigma": 0.04}, ("g", "m")),
-    "honey-simple": ("honey", {"family": "simple", "m_sigma": 0.04}, ("g", "m")),
-}  # fmt: skip
-"""Fitted model -> liquid of its trials, what is fixed, and what may be fitted."""
+class Fit(NamedTuple):
+    """How one model is fitted.
 
-FREE: Mapping[str, tuple[str, ...]] = {
-    "water-ife": IFE_AXES,
-    "honey-ife-1": (),
-    "honey-ife-2": ("damping_zeta",),
-    "water-marble": ("n_particles", "damping_zeta"),
-    "honey-marble": ("n_particles", "damping_zeta"),
-    "water-simple": ("g", "m"),
-    "honey-simple": ("g", "m"),
+    Parameters
+    ----------
+    liquid
+        Of the trials.
+    fixed
+        What all its candidates have in common.
+    axes
+        Parameters in which they differ.
+    free
+        Those that are chosen on its own trials; the others are inherited.
+    """
+
+    liquid: str
+    fixed: Mapping[str, Any]
+    axes: tuple[str, ...]
+    free: tuple[str, ...]
+
+
+_IFE = ("n_particles", "viscosity_alpha", "damping_zeta")
+_WATER_IN_HEAD = {"family": "ife", "head": "water", "zeta_sigma": 4}
+_HONEY_IN_HEAD = {"family": "ife", "head": "honey", "zeta_sigma": 4}
+_MARBLE, _MARBLE_AXES = {"family": "marble", "zeta_sigma": 4}, ("n_particles", "damping_zeta")
+_SIMPLE, _SIMPLE_AXES = {"family": "simple", "m_sigma": 0.04}, ("g", "m")
+
+FITTED: Mapping[str, Fit] = {
+    "water-ife": Fit("water", _WATER_IN_HEAD, _IFE, _IFE),
+    "honey-ife-1": Fit("honey", _HONEY_IN_HEAD, _IFE, ()),
+    "honey-ife-2": Fit("honey", _WATER_IN_HEAD, _IFE, ("damping_zeta",)),
+    "water-marble": Fit("water", _MARBLE, _MARBLE_AXES, _MARBLE_AXES),
+    "honey-marble": Fit("honey", _MARBLE, _MARBLE_AXES, _MARBLE_AXES),
+    "water-simple": Fit("water", _SIMPLE, _SIMPLE_AXES, _SIMPLE_AXES),
+    "honey-simple": Fit("honey", _SIMPLE, _SIMPLE_AXES, _SIMPLE_AXES),
 }
-"""Fitted model -> parameters that are chosen on its own trials; the others are inherited."""
+"""The models that are fitted."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +115,7 @@ def candidates(judged: Judged, trials: Sequence[Trials]) -> dict[str, Candidates
     """
     by_liquid = {short_liquid(one.liquid): one for one in trials}
     found = {}
-    for name, (liquid, fixed, axes) in FITTED.items():
+    for name, (liquid, fixed, axes, _) in FITTED.items():
         if liquid not in by_liquid:
             continue
         one = by_liquid[liquid]
@@ -243,7 +254,7 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
         )
         r = pearson(drawn.means, one.judgments, drawn.weights)
         low, high = interval(r[:, place], settings.level)
-        inherited = {axis: values[axis] for axis in values if axis not in FREE[name]}
+        inherited = {axis: values[axis] for axis in values if axis not in FITTED[name].free}
         rivals = one.at(**inherited)
         paper = make_model(name).parameters()
         paper_values = {
@@ -255,7 +266,7 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
                 "model": name,
                 "liquid": one.trials.liquid,
                 **values,
-                "fitted": ", ".join(FREE[name]) or "none",
+                "fitted": ", ".join(FITTED[name].free) or "none",
                 "candidates": int(rivals.sum()),
                 "r": float(scores[name][place]),
                 "low": float(low),
@@ -282,7 +293,7 @@ def _flat_ranges(name: str, one: Candidates, drawn: Array, place: int, settings:
     """Values of each fitted parameter, the others as chosen, that do as well as the best."""
     found = []
     values = one.values(place)
-    for axis in FREE[name]:
+    for axis in FITTED[name].free:
         others = {key: value for key, value in values.items() if key != axis}
         along = np.flatnonzero(one.at(**others))
         if len(along) < 2:
@@ -356,7 +367,7 @@ def cross_validation_table(
 
 def _most_chosen(name: str, one: Candidates, places: Sequence[int], most: int = 3) -> str:
     """The parameters that were chosen most often, with their shares."""
-    free = FREE[name] or tuple(one.axes)
+    free = FITTED[name].free or tuple(one.axes)
     words = pd.Series(
         [_in_words({axis: one.axes[axis][place] for axis in free}) for place in places]
     )
@@ -392,7 +403,7 @@ def carried_table(
     rows = []
     for one in compared:
         for name, spec, r_there in zip(choice["model"], choice["spec"], choice["r"], strict=True):
-            if spec not in one.models or FITTED[name][0] != short_liquid(one.trials.liquid):
+            if spec not in one.models or FITTED[name].liquid != short_liquid(one.trials.liquid):
                 continue
             drawn = resample(
                 one.trials.responses, settings.resampled, settings.rng(7), settings.resamples
