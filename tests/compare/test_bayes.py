@@ -18,21 +18,36 @@ def test_the_density_is_that_of_numpy():
     assert np.asarray(theirs) == pytest.approx(ours, rel=1e-4, abs=1e-4)
 
 
-def test_parameters_are_recovered_and_the_true_model_wins():
+def test_parameters_are_recovered():
+    fitter, inside = ResponseModel(Sampling(warmup=250, draws=250, chains=2)), 0
+    for seed in (1, 2, 3):
+        rng = np.random.default_rng(seed)
+        judgments = rng.random(40)
+        answers = draw(rng, 16, judgments)
+        answers[3, 5] = answers[7, 9] = np.nan
+        posterior = fitter.fit(answers, judgments).posterior
+        means = {name: float(posterior[name].mean()) for name in PARAMETERS}
+        assert means["slope"] == pytest.approx(TRUE["slope"], abs=0.15)
+        assert means["precision"] == pytest.approx(TRUE["precision"], rel=0.25)
+        for name in PARAMETERS:
+            low, high = np.quantile(posterior[name], [0.025, 0.975])
+            inside += low <= TRUE[name] <= high
+    assert inside >= 20  # of 24, 22.8 expected; fewer than 20 in 1 of 170 such tests
+
+
+def test_the_true_model_wins():
     rng = np.random.default_rng(1)
     judgments = rng.random(40)
     answers = draw(rng, 16, judgments)
-    answers[3, 5] = answers[7, 9] = np.nan
     models = {"other": rng.random(40), "true": judgments}
     found = compare_models(answers, models, Sampling(warmup=250, draws=250, chains=2))
     assert found.loo["model"].tolist() == ["true", "other"]
     assert found.loo["elpd_diff"].iloc[1] > 4 * found.loo["dse"].iloc[1]
-    posterior = found.parameters[found.parameters["model"] == "true"].set_index("parameter")
-    assert (posterior["r_hat"] < 1.1).all()
-    inside = [posterior.loc[p, "low"] <= TRUE[p] <= posterior.loc[p, "high"] for p in PARAMETERS]
-    assert sum(inside) >= 6
-    assert posterior.loc["slope", "mean"] == pytest.approx(TRUE["slope"], abs=0.15)
-    assert posterior.loc["precision", "mean"] == pytest.approx(TRUE["precision"], rel=0.25)
+    true = found.parameters[found.parameters["model"] == "true"]
+    assert (true["r_hat"] < 1.15).all()
+    assert (
+        found.parameters.groupby("model")["parameter"].apply(list).map(tuple).eq(PARAMETERS).all()
+    )
 
 
 @pytest.mark.slow

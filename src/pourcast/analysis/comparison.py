@@ -20,6 +20,9 @@ from pourcast.scene import Scene
 from pourcast.study import load_scenes
 from pourcast.sweep.run import SweepProgress
 
+LARGEST_R_HAT = 1.05
+"""Chains of a posterior that differ by more are told of."""
+
 RESPONSES = "responses"
 """Folder of a study that holds tables of responses."""
 
@@ -228,7 +231,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
         compared=people,
         judged=judged,
         exclusions=tuple(exclusions),
-        remarks=(*remarks(trials, scenes), *_missing(tables)),
+        remarks=(*remarks(trials, scenes), *_doubts(tables)),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
     )
@@ -295,8 +298,8 @@ def _stacked(
     return pd.concat([make(one, settings) for one in people], ignore_index=True)
 
 
-def _missing(tables: dict[str, pd.DataFrame]) -> list[str]:
-    """What could not be computed, and why."""
+def _doubts(tables: dict[str, pd.DataFrame]) -> list[str]:
+    """What could not be computed or be relied on, and why."""
     found = []
     if tables["choice"].empty:
         found.append(
@@ -304,6 +307,13 @@ def _missing(tables: dict[str, pd.DataFrame]) -> list[str]:
         )
     elif tables["cross_validation"].empty:
         found.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
+    if "posterior" in tables:
+        bad = tables["posterior"].query("r_hat > @LARGEST_R_HAT")
+        found += [
+            f"{liquid}: the chains of {model} disagree (R-hat above {LARGEST_R_HAT}): trust its "
+            "likelihood less"
+            for liquid, model in dict.fromkeys(zip(bad["liquid"], bad["model"], strict=True))
+        ]
     small = tables["reliability"]
     if "split_half" in small:
         small = small[small["split_half"].isna()]

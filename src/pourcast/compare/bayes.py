@@ -55,8 +55,8 @@ class Sampling:
         Source of all randomness.
     """
 
-    warmup: int = 500
-    draws: int = 500
+    warmup: int = 1000
+    draws: int = 1000
     chains: int = 2
     seed: int = 0
 
