@@ -1,7 +1,5 @@
 """A small study with made-up judgments, real cheap models, and simulated observers."""
 
-import re
-
 import pytest
 
 from pourcast.analysis.agreement import Settings
@@ -11,12 +9,6 @@ from pourcast.experiment.observers import Observers
 from pourcast.judgments import write_table
 from pourcast.scene import write_scenes
 from tests.analysis.make import made_up_table, voronoi_scenes
-
-
-def without_films(page):
-    """A report's bytes but for its films: x264 may encode the same frames in other bytes."""
-    return re.sub(rb"data:video/mp4;base64,[^\"]*", b"", page.read_bytes())
-
 
 CHEAP = ("water-simple", "gravity", "truth-water:n_particles=15", "ife:n_particles=15,zeta_sigma=0")
 
