@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from pourcast.analysis.agreement import Settings
 from pourcast.analysis.choice import candidates, count_without_alphas, read_choice
 from pourcast.analysis.comparison import Comparison, Request, compare_study, sweep_words
-from pourcast.analysis.judged import read_judged
+from pourcast.analysis.judged import read_judged, sweep_in_study
 from pourcast.analysis.rehearsal import HEADS, OBSERVERS, rehearse
 from pourcast.errors import StoreError
 from pourcast.experiment.observers import Observers
@@ -17,11 +16,7 @@ from pourcast.report.page import Options, write_report
 from pourcast.responses import Trials, arrange, exclude, read_responses
 from pourcast.scene import Scene
 from pourcast.study import DEFAULT_SCENES, SceneRequest, open_study
-from pourcast.sweep.executors.choose import ClusterOptions, make_executor
 from pourcast.sweep.grid import Grid, parse_grid, read_grid
-from pourcast.sweep.plan import make_plan
-from pourcast.sweep.run import run_sweep
-from pourcast.sweep.store import Store
 from pourcast.sweep.table import write_judgments
 
 QUICK_SCENES = 24
@@ -144,11 +139,8 @@ def _sweep(
     folder: Path, scenes: Sequence[Scene], grid: Grid, workers: int | None, report: Report | None
 ) -> None:
     """Run a grid in the study, and write its judgments."""
-    store = Store(folder / "sweep")
-    opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
-    result = run_sweep(
-        make_plan(grid, scenes), store, opened, report=sweep_words(report, "simulating")
-    )
+    tell = sweep_words(report, "simulating")
+    result = sweep_in_study(folder, scenes, grid, workers=workers, report=tell)
     write_judgments(folder / "judgments", grid.name, result.table)
     if result.failures:
         raise StoreError(f"{folder}: {result.failures[0].message}")

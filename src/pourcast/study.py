@@ -132,6 +132,19 @@ def load_scenes(path: Path) -> list[Scene]:
     return read_scenes(path / "scenes.json" if path.is_dir() else path)
 
 
+def study_scenes(folder: Path) -> list[Scene]:
+    """Scenes of a study folder; a scene file is refused.
+
+    Raises
+    ------
+    InputError
+        If it is no study folder, or its scenes are not valid.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a study folder; `pourcast new` makes one")
+    return load_scenes(folder)
+
+
 def pick_scene(scenes: list[Scene], wanted: str, source: Path) -> Scene:
     """Scene of an id, or of a number counted from 1.
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from pourcast.analysis.agreement import Compared, Settings, short_liquid
 from pourcast.analysis.judged import OWN_ALPHA, Judged
-from pourcast.compare.bootstrap import interval, resample
+from pourcast.compare.bootstrap import Resamples, interval, random_halves, resample
 from pourcast.compare.correlation import mean_judgments, pearson
-from pourcast.compare.fit import flat, halve_scenes, profile, tied
+from pourcast.compare.fit import flat, profile, tied
 from pourcast.errors import InputError
 from pourcast.model import make_model
 from pourcast.responses import Trials
@@ -120,11 +120,7 @@ def candidates(judged: Judged, trials: Sequence[Trials]) -> dict[str, Candidates
             continue
         one = by_liquid[liquid]
         there = judged.on(one.scenes)
-        rows = there.where(liquid=one.liquid, **fixed)
-        if len(rows) == 0:
-            # The liquid is in these models' heads: what the trial shows makes no difference.
-            rows = there.where(**fixed)
-            rows = rows[~there.rows["parameters"].iloc[rows].duplicated().to_numpy()]
+        rows = there.on_trials(one.liquid, **fixed)
         if len(rows):
             columns = {axis: there.rows[axis].to_numpy()[rows] for axis in axes}
             found[name] = Candidates(one, columns, there.judgments[rows])
@@ -245,13 +241,11 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
         from the best one's), `paper` (the paper's parameters) and `r_paper` (their r
         here), `spec`.
     """
-    scores = _scores(sets)
-    rows = []
+    scores, rows = _scores(sets), []
+    drawn_of = {one.trials.liquid: _resamples(one.trials, settings) for one in sets.values()}
     for name, place in choose(sets, scores).items():
         one, values = sets[name], sets[name].values(place)
-        drawn = resample(
-            one.trials.responses, settings.resampled, settings.rng(7), settings.resamples
-        )
+        drawn = drawn_of[one.trials.liquid]
         r = pearson(drawn.means, one.judgments, drawn.weights)
         low, high = interval(r[:, place], settings.level)
         inherited = {axis: values[axis] for axis in values if axis not in FITTED[name].free}
@@ -280,6 +274,11 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
             }
         )
     return pd.DataFrame(rows)
+
+
+def _resamples(trials: Trials, settings: Settings) -> Resamples:
+    """Resamples of people's means, the same for all models."""
+    return resample(trials.responses, settings.resampled, settings.rng(7), settings.resamples)
 
 
 def _in_words(values: Mapping[str, Any]) -> str:
@@ -330,16 +329,15 @@ def cross_validation_table(
     scenes = {one.trials.scenes for one in sets.values()}
     if not sets or min(len(some) for some in scenes) < FEWEST_SCENES:
         return pd.DataFrame()
-    train, test, everywhere = {}, {}, {}
+    train, test, everywhere = {}, {}, _scores(sets)
     # Both liquids show the same scenes; where they don't, each is halved by itself.
-    halves = {some: halve_scenes(len(some), halvings, settings.rng(8)) for some in scenes}
+    halves = {some: random_halves(len(some), halvings, settings.rng(8)) for some in scenes}
     for name, one in sets.items():
         people = mean_judgments(one.trials.responses)
         many = np.broadcast_to(people, (halvings, len(people)))
         half = halves[one.trials.scenes]
-        train[name] = pearson(many, one.judgments, half.train)
-        test[name] = pearson(many, one.judgments, half.test)
-        everywhere[name] = pearson(people, one.judgments)
+        train[name] = pearson(many, one.judgments, half)
+        test[name] = pearson(many, one.judgments, 1.0 - half)
     overall = choose(sets, everywhere)
     picks = [choose(sets, {name: train[name][k] for name in sets}) for k in range(halvings)]
     rows = []
@@ -402,12 +400,10 @@ def carried_table(
     """
     rows = []
     for one in compared:
+        drawn = _resamples(one.trials, settings)
         for name, spec, r_there in zip(choice["model"], choice["spec"], choice["r"], strict=True):
             if spec not in one.models or FITTED[name].liquid != short_liquid(one.trials.liquid):
                 continue
-            drawn = resample(
-                one.trials.responses, settings.resampled, settings.rng(7), settings.resamples
-            )
             model = one.models[spec][None]
             low, high = interval(pearson(drawn.means, model, drawn.weights)[:, 0], settings.level)
             r = pearson(mean_judgments(one.trials.responses), model)[0]

@@ -17,7 +17,7 @@ from pourcast.model import presets
 from pourcast.progress import Report
 from pourcast.responses import Exclusion, arrange, exclude, read_responses, remarks
 from pourcast.scene import Scene
-from pourcast.study import load_scenes
+from pourcast.study import study_scenes
 from pourcast.sweep.run import SweepProgress
 
 LARGEST_R_HAT = 1.05
@@ -175,12 +175,10 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
     StoreError
         If judgments could not be made.
     """
-    if not study.is_dir():
-        raise InputError(f"{study}: expected a study folder; `pourcast new` makes one")
+    scenes = study_scenes(study)
     if request.bayes:
         for module in ("numpyro", "arviz"):
             optional_module(module, "bayes")
-    scenes = load_scenes(study)
     path = request.responses or find_responses(study)
     settings = request.settings
     table = read_responses(path, scenes, percent=request.percent)

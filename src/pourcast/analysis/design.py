@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pourcast.analysis.judged import OWN_ALPHA, Judged, family_of, name_of
+from pourcast.analysis.judged import OWN_ALPHA, Judged, columns_of, family_of, name_of
 from pourcast.compare.bootstrap import Resampled
 from pourcast.compare.observer import Population
 from pourcast.compare.recovery import confusion, power_of, recover_parameters
@@ -46,16 +46,10 @@ def along(judged: Judged, liquid: str, spec: str, axis: str) -> tuple[list[Any],
     if axis not in parameters or axis == "liquid":
         known = [name for name in parameters if name != "liquid"]
         raise InputError(f"parameter: {unknown(axis, known)}")
-    fixed = {
-        ("head" if name == "liquid" else name): OWN_ALPHA if value is None else value
-        for name, value in parameters.items()
-        if name != axis
-    } | {"family": family_of(name_of(spec))}
-    rows = judged.where(liquid=liquid, **fixed)
-    if len(rows) == 0:
-        rows = judged.where(**fixed)
+    fixed = columns_of(parameters) | {"family": family_of(name_of(spec))}
+    del fixed[axis]
     found: dict[Any, Array] = {}
-    for row in rows:
+    for row in judged.on_trials(liquid, **fixed):
         found.setdefault(judged.rows[axis].iloc[row], judged.judgments[row])
     if len(found) < 2:
         raise InputError(

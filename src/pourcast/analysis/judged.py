@@ -15,9 +15,9 @@ from pourcast.errors import InputError, StoreError
 from pourcast.model import make_model, presets, resolve_liquid
 from pourcast.scene import Scene
 from pourcast.sweep.executors.choose import ClusterOptions, make_executor
-from pourcast.sweep.grid import parse_grid
+from pourcast.sweep.grid import Grid, parse_grid
 from pourcast.sweep.plan import make_plan
-from pourcast.sweep.run import SweepProgress, run_sweep
+from pourcast.sweep.run import SweepProgress, SweepResult, run_sweep
 from pourcast.sweep.store import Store
 
 Array = NDArray[np.float64]
@@ -86,6 +86,18 @@ class Judged:
         chosen = [place[scene.id] for scene in scenes]
         return Judged(tuple(scenes), self.rows, self.judgments[:, chosen])
 
+    def on_trials(self, liquid: str, **values: Any) -> NDArray[np.int64]:
+        """Rows of models that judge trials with a liquid, with these values; see `where`.
+
+        If there are none, those under any other liquid, each once: where the liquid is in a
+        model's head, what the trial shows makes no difference.
+        """
+        rows = self.where(liquid=liquid, **values)
+        if len(rows) == 0:
+            rows = self.where(**values)
+            rows = rows[~self.rows["parameters"].iloc[rows].duplicated().to_numpy()]
+        return rows
+
     def where(self, **values: Any) -> NDArray[np.int64]:
         """Rows with these values in these columns, whose judgments are all known."""
         same = ~np.isnan(self.judgments).any(axis=1)
@@ -122,13 +134,14 @@ def judged_from(tables: Iterable[pd.DataFrame], scenes: Sequence[Scene]) -> Judg
     rows = table[~table.duplicated(keys)][keys].reset_index(drop=True)
     judgments = np.full((len(rows), len(scenes)), np.nan)
     judgments[number, table["digest"].map(place).to_numpy(int)] = table["judgment"]
-    parameters = pd.DataFrame([_columns(json.loads(text)) for text in rows["parameters"]])
+    parameters = pd.DataFrame([columns_of(json.loads(text)) for text in rows["parameters"]])
     same = {scene.digest: k for k, scene in enumerate(scenes)}
     twins = [same[scene.digest] for scene in scenes]
     return Judged(tuple(scenes), pd.concat([rows, parameters], axis=1), judgments[:, twins])
 
 
-def _columns(parameters: Mapping[str, Any]) -> dict[str, Any]:
+def columns_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """A model's parameters by the names and values that they have in `Judged.rows`."""
     named = {("head" if name == "liquid" else name): value for name, value in parameters.items()}
     if named.get("viscosity_alpha", 0.0) is None:
         named["viscosity_alpha"] = OWN_ALPHA
@@ -192,10 +205,7 @@ def judge_in_study(
     if not requests:
         return {}
     grid = parse_grid(grid_text(requests, scenes[0]), name, name)
-    store = Store(study / "sweep")
-    plan = make_plan(grid, scenes)
-    opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
-    result = run_sweep(plan, store, opened, report=report)
+    result = sweep_in_study(study, scenes, grid, workers=workers, report=report)
     if result.failures:
         raise StoreError(f"{study}: {result.failures[0].message}")
     judged = judged_from([result.table], scenes)
@@ -208,6 +218,20 @@ def judge_in_study(
             answer = answer if row is None else np.where(np.isnan(row), answer, row)
         found[liquid, spec] = answer
     return found
+
+
+def sweep_in_study(
+    study: Path,
+    scenes: Sequence[Scene],
+    grid: Grid,
+    *,
+    workers: int | None = None,
+    report: Callable[[SweepProgress], None] | None = None,
+) -> SweepResult:
+    """Run a grid over a study's scenes here; see `judge_in_study` and `sweep.run.run_sweep`."""
+    store = Store(study / "sweep")
+    opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
+    return run_sweep(make_plan(grid, scenes), store, opened, report=report)
 
 
 def grid_text(requests: Sequence[Request], scene: Scene) -> str:

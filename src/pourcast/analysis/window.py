@@ -6,42 +6,32 @@ from collections.abc import Mapping
 import pandas as pd
 
 from pourcast.analysis.agreement import Settings
-from pourcast.analysis.judged import Judged
+from pourcast.analysis.judged import Judged, columns_of, family_of
 from pourcast.compare.variance import WindowVariance, unpaired_t, window_variance
-from pourcast.model import make_model, presets, zeta_window
+from pourcast.model import make_model, zeta_window
 
 CONDITIONS = ("water-ife", "honey-ife-1", "honey-ife-2")
 """Models whose windows are looked at: the paper's three IFEs."""
 
 
-def window_variances(
-    judged: Judged, liquid: str, settings: Settings, models: Mapping[str, str] | None = None
-) -> dict[str, WindowVariance]:
-    """Variance over each model's window, from its deterministic judgments (sigma = 0).
+def window_variances(judged: Judged, liquid: str, settings: Settings) -> dict[str, WindowVariance]:
+    """Variance over the window of each of `CONDITIONS`, from its deterministic judgments.
 
     Parameters
     ----------
     judged
-        Judgments; a model whose deterministic ones are not all known is left out.
+        Judgments; a model whose deterministic ones (sigma = 0) are not all known is left out.
     liquid
         Liquid of the trials under which to look (any will do, as the liquid is in the head).
     settings
         Seed and level.
-    models
-        Name -> spec; the paper's three IFEs by default.
     """
     found = {}
-    for number, (name, spec) in enumerate((models or {n: n for n in CONDITIONS}).items()):
-        model = make_model(spec)
-        values = model.parameters()
-        window = zeta_window(values["damping_zeta"], values["zeta_sigma"])
-        family = presets()[name]["model"] if name in presets() else "ife"
-        fixed = {
-            "liquid": liquid, "family": family, "head": values["liquid"],
-            "n_particles": values["n_particles"], "zeta_sigma": 0,
-            "viscosity_alpha": values["viscosity_alpha"] or "own",
-        }  # fmt: skip
-        rows = [judged.where(**fixed, damping_zeta=zeta) for zeta in window]
+    for number, name in enumerate(CONDITIONS):
+        parameters = make_model(name).parameters()
+        window = zeta_window(parameters["damping_zeta"], parameters["zeta_sigma"])
+        fixed = columns_of(parameters) | {"family": family_of(name), "zeta_sigma": 0}
+        rows = [judged.on_trials(liquid, **fixed | {"damping_zeta": zeta}) for zeta in window]
         if all(len(row) for row in rows):
             places = [int(row[0]) for row in rows]
             found[name] = window_variance(judged.judgments[places], settings.rng(6, number))

@@ -13,7 +13,6 @@ from pourcast.cli.options import (
     ResampleOption,
     SeedOption,
     StudyArgument,
-    scenes_of_study,
 )
 from pourcast.cli.scenes import Experiment
 from pourcast.cli.terminal import (
@@ -113,12 +112,13 @@ def compare(
     )
     with progress_bar() as report:
         found = compare_study(study, request, report)
+    tables = found.marked_tables()
     if out is not None:
-        for name, table in found.marked_tables().items():
+        for name, table in tables.items():
             write_table(out / f"{name}.csv", table)
     if as_json:
-        tables = {name: records(table) for name, table in found.marked_tables().items()}
-        print_json({"simulated": found.simulated, "remarks": found.remarks, "tables": tables})
+        rows = {name: records(table) for name, table in tables.items()}
+        print_json({"simulated": found.simulated, "remarks": found.remarks, "tables": rows})
         return
     _print_comparison(found)
     if out is not None:
@@ -218,12 +218,13 @@ def report(
     from pourcast.analysis.comparison import compare_study
     from pourcast.files import check_writable
     from pourcast.report.page import Options, write_report
+    from pourcast.study import study_scenes
 
     folder = out or study / "report"
     request = _request(
         responses, model, percent, exclude, resample, resamples, seed, carry_from, bayes
     )
-    scenes_of_study(study)
+    study_scenes(study)
     check_writable(folder / "report.html")
     with progress_bar() as bar:
         found = compare_study(study, request, bar)

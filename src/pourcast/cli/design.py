@@ -22,7 +22,6 @@ from pourcast.cli.options import (
     ResampleOption,
     SeedOption,
     StudyArgument,
-    scenes_of_study,
 )
 from pourcast.cli.terminal import print_json, print_table, progress_bar, records
 from pourcast.errors import InputError
@@ -74,10 +73,12 @@ def recover(
     """
     from pourcast.analysis import design
     from pourcast.analysis.judged import judge_in_study, read_judged
+    from pourcast.analysis.rehearsal import HEADS
     from pourcast.model import presets, resolve_liquid
     from pourcast.report.figures.design import recovery
+    from pourcast.study import study_scenes
 
-    scenes = scenes_of_study(study)
+    scenes = study_scenes(study)
     liquid = "honey" if honey else "water"
     population = population_of(
         bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
@@ -87,7 +88,7 @@ def recover(
     }  # fmt: skip
     with progress_bar() as bar:
         if what is Recovered.PARAMETERS:
-            spec = (model or ["honey-ife-2" if honey else "water-ife"])[0]
+            spec = (model or [HEADS[liquid]])[0]
             trial_liquid = resolve_liquid(liquid, scenes[0]).name
             values, judged = design.along(read_judged(study, scenes), trial_liquid, spec, parameter)
             table = design.parameter_recovery_table(
@@ -156,8 +157,9 @@ def power(
     from pourcast.analysis.design import power_table
     from pourcast.analysis.judged import judge_in_study
     from pourcast.report.figures import design as figures
+    from pourcast.study import study_scenes
 
-    there = scenes_of_study(study)
+    there = study_scenes(study)
     specs = model or ["water-ife", "water-marble"]
     if len(set(specs)) != 2 or len(specs) != 2:
         raise InputError(f"model: expected two models to tell apart, found {len(specs)}")

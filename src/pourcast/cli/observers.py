@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pourcast.cli.app import app
-from pourcast.cli.options import SeedOption, StudyArgument, scenes_of_study
+from pourcast.cli.options import SeedOption, StudyArgument
 from pourcast.cli.terminal import progress_bar
 from pourcast.errors import InputError
 
@@ -85,8 +85,9 @@ def simulate(
     from pourcast.experiment.observers import SPREADS, Observers
     from pourcast.files import check_writable
     from pourcast.judgments import check_table_path
+    from pourcast.study import study_scenes
 
-    scenes = scenes_of_study(study)
+    scenes = study_scenes(study)
     if out is not None:
         check_table_path(out)
         check_writable(out)

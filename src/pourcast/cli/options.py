@@ -2,14 +2,9 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-from pourcast.errors import InputError
-
-if TYPE_CHECKING:
-    from pourcast.scene import Scene
 
 
 class Resampled(StrEnum):
@@ -46,12 +41,3 @@ StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY", help="A study fo
 ResampleOption = Annotated[
     Resampled, typer.Option(help="What the intervals' bootstrap draws again.")
 ]
-
-
-def scenes_of_study(study: Path) -> "list[Scene]":
-    """Scenes of a study folder; anything else is refused."""
-    from pourcast.study import load_scenes
-
-    if not study.is_dir():
-        raise InputError(f"{study}: expected a study folder; `pourcast new` makes one")
-    return load_scenes(study)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pourcast.cli.app import app
-from pourcast.cli.options import JsonOption, StudyArgument, scenes_of_study
+from pourcast.cli.options import JsonOption, StudyArgument
 from pourcast.cli.terminal import (
     InterruptedWorkError,
     bar_on_stderr,
@@ -96,12 +96,13 @@ def sweep(
 
     Example: pourcast sweep my-study --grid quick --workers 2
     """
+    from pourcast.study import study_scenes
     from pourcast.sweep.grid import read_grid
     from pourcast.sweep.plan import make_plan
     from pourcast.sweep.status import all_statuses, status_of
     from pourcast.sweep.store import Store
 
-    scenes, store = scenes_of_study(study), Store(study / "sweep")
+    scenes, store = study_scenes(study), Store(study / "sweep")
     if grid is None:
         if not status:
             raise InputError("grid: expected --grid FILE or NAME (or --status)")

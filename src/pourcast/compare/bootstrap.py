@@ -46,6 +46,16 @@ def draw_counts(count: int, resamples: int, rng: np.random.Generator) -> Array:
     return rng.multinomial(count, np.full(count, 1.0 / count), size=resamples).astype(float)
 
 
+def random_halves(count: int, halvings: int, rng: np.random.Generator) -> Array:
+    """Half of `count` things, chosen at random many times: 1 if chosen, shape [halvings, count].
+
+    Of an odd number, the chosen half is the smaller.
+    """
+    ranks = rng.random((halvings, count)).argsort(axis=1).argsort(axis=1)
+    chosen: Array = (ranks < count // 2).astype(float)
+    return chosen
+
+
 def resample(
     responses: Array,
     resampled: Resampled,

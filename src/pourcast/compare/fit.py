@@ -1,7 +1,5 @@
 """Choosing parameters by correlation: optima, ties, flat optima, cross-validation."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,28 +57,3 @@ def flat(resampled: Array, best: int, level: float = LEVEL) -> NDArray[np.bool_]
     low, _ = interval(resampled[:, [best]] - resampled, level)
     as_good: NDArray[np.bool_] = low <= 0.0
     return as_good
-
-
-@dataclass(frozen=True)
-class Halvings:
-    """Scenes halved at random, many times: weights of shape [halving_count, scene_count]."""
-
-    train: Array
-    test: Array
-
-
-def halve_scenes(count: int, halvings: int, rng: np.random.Generator) -> Halvings:
-    """Halve scenes, for choosing parameters on the one half and scoring them on the other.
-
-    Parameters
-    ----------
-    count
-        Number of scenes.
-    halvings
-        How many times.
-    rng
-        Source of randomness.
-    """
-    ranks = rng.random((halvings, count)).argsort(axis=1).argsort(axis=1)
-    train = (ranks < count // 2).astype(float)
-    return Halvings(train, 1.0 - train)

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import ks_2samp
 
+from pourcast.compare.correlation import pearson
+
 Array = NDArray[np.float64]
 
 NULL_DRAWS = 10_000
@@ -73,16 +75,7 @@ def individual_correlations(responses: Array, truth: Array) -> Array:
     truth
         Shape [scene_count].
     """
-    answered = np.isfinite(responses)
-    count = answered.sum(axis=1, keepdims=True)
-    x = np.where(answered, truth, 0.0)
-    y = np.where(answered, responses, 0.0)
-    x = np.where(answered, x - x.sum(axis=1, keepdims=True) / count, 0.0)
-    y = np.where(answered, y - y.sum(axis=1, keepdims=True) / count, 0.0)
-    spread = np.sqrt((x * x).sum(axis=1) * (y * y).sum(axis=1))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        r: Array = np.where(spread > 1e-12, (x * y).sum(axis=1) / spread, np.nan)
-    return r
+    return pearson(responses, truth[None])[:, 0]
 
 
 def against_null(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pourcast.compare.bootstrap import random_halves
 from pourcast.compare.correlation import agreement, mean_judgments
 
 Array = NDArray[np.float64]
@@ -92,8 +93,7 @@ def split_half(responses: Array, rng: np.random.Generator, splits: int = SPLITS)
     people = len(responses)
     if people < FEWEST_PARTICIPANTS:
         raise ValueError(f"a split needs at least {FEWEST_PARTICIPANTS} participants, not {people}")
-    ranks = rng.random((splits, people)).argsort(axis=1).argsort(axis=1)
-    first = (ranks < people // 2).astype(float)
+    first = random_halves(people, splits, rng)
     return Halves(_half_means(responses, first), _half_means(responses, 1.0 - first))
 
 

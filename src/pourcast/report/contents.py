@@ -17,6 +17,7 @@ from pourcast.analysis.design import (
     parameter_recovery_table,
     power_table,
 )
+from pourcast.analysis.rehearsal import HEADS
 from pourcast.compare.correlation import mean_judgments
 from pourcast.compare.observer import Population
 from pourcast.errors import InputError
@@ -24,9 +25,6 @@ from pourcast.pictures import show
 from pourcast.progress import Report
 from pourcast.report.figures import design, fits, models, people, scenes
 from pourcast.scene import Scene
-
-BEST_IFE = {"water": "water-ife", "honey": "honey-ife-2"}
-"""The paper's best model of each liquid's trials."""
 
 POWER_OBSERVERS = (5, 10, 20, 40)
 POWER_SCENES = (12, 30, 60, 120)
@@ -185,7 +183,7 @@ def _zeta_recovery(
     one: Compared, comparison: Comparison, common: dict[str, Any]
 ) -> Iterator[Shown]:
     short = short_liquid(one.trials.liquid)
-    spec = BEST_IFE[short]
+    spec = HEADS[short]
     there = comparison.judged.on(one.trials.scenes)
     try:
         values, judgments = along(there, one.trials.liquid, spec, "damping_zeta")
@@ -238,7 +236,7 @@ def _disagreements(
     each = -(-count // (2 * len(comparison.compared)))
     for one in comparison.compared:
         short, liquid = short_liquid(one.trials.liquid), one.trials.liquid
-        ife, truth = BEST_IFE[short], f"truth-{short}"
+        ife, truth = HEADS[short], f"truth-{short}"
         if ife not in one.models or truth not in one.models:
             continue
         mean, right, imagined = (
