@@ -315,29 +315,61 @@ def _save_film(
     numbers = list(range(last)) + [last - 1] * round(_HOLD_SECONDS * FRAME_RATE)
     if path.suffix == ".gif":
         numbers = numbers[::_GIF_STRIDE]
+    frame = frame_maker(figure, scene, artists, solids)
+
+    def picture(k: int) -> NDArray[np.uint8]:
+        if progress is not None:
+            progress(k + 1, len(numbers))
+        return frame(numbers[k])
+
+    if path.suffix == ".gif":
+        _write_gif(path, picture, len(numbers))
+    else:
+        write_mp4(path, picture, len(numbers))
+
+
+def frame_maker(
+    figure: Figure,
+    scene: Scene,
+    moving: Sequence[tuple[Any, Imagined]],
+    solids: Sequence[PolyCollection],
+) -> Callable[[int], NDArray[np.uint8]]:
+    """Pictures of a figure in which only liquids move.
+
+    Parameters
+    ----------
+    figure
+        With all that is to be seen.
+    scene
+        The scene.
+    moving
+        Artists of `draw_liquid`, and whose liquid each shows.
+    solids
+        What stands in front of the liquid.
+
+    Returns
+    -------
+    callable
+        From a frame's number (the last one stays) to red, green, blue, shape [height, width, 3].
+    """
     canvas: Any = FigureCanvasAgg(figure)
     # What stands still is drawn once; animated artists are left out of `draw`.
-    for artist in [*(artist for artist, _ in artists), *solids]:
+    for artist in [*(artist for artist, _ in moving), *solids]:
         artist.set_animated(True)
     canvas.draw()
     renderer = canvas.get_renderer()
     background = renderer.copy_from_bbox(figure.bbox)
 
-    def picture(k: int) -> NDArray[np.uint8]:
+    def picture(number: int) -> NDArray[np.uint8]:
         renderer.restore_region(background)
-        for artist, one in artists:
-            _move_liquid(artist, scene, one, numbers[k])
+        for artist, one in moving:
+            _move_liquid(artist, scene, one, number)
             artist.draw(renderer)
         for solid in solids:
             solid.draw(renderer)
-        if progress is not None:
-            progress(k + 1, len(numbers))
         return np.array(renderer.buffer_rgba())[:, :, :3]
 
-    if path.suffix == ".gif":
-        _write_gif(path, picture, len(numbers))
-    else:
-        _write_mp4(path, picture, len(numbers))
+    return picture
 
 
 def _film_figure(
@@ -368,7 +400,18 @@ def _write_gif(path: Path, picture: Callable[[int], NDArray[np.uint8]], count: i
     indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=duration, loop=0)
 
 
-def _write_mp4(path: Path, picture: Callable[[int], NDArray[np.uint8]], count: int) -> None:
+def write_mp4(path: Path, picture: Callable[[int], NDArray[np.uint8]], count: int) -> None:
+    """Write a film (H.264); the same pictures make the same bytes.
+
+    Parameters
+    ----------
+    path
+        The .mp4 file.
+    picture
+        From a frame's number to red, green, blue, shape [height, width, 3].
+    count
+        Number of frames.
+    """
     with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
         stream = container.add_stream("libx264", rate=Fraction(FRAME_RATE))
         stream.pix_fmt = "yuv420p"

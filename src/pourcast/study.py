@@ -1,7 +1,12 @@
-"""The study folder: `study.toml` says how it was made, `scenes.json` holds the scenes."""
+"""The study folder: `study.toml` says how it was made, `scenes.json` holds the scenes.
+
+`practice.json` holds those that participants practise with, and no model is compared on.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from pourcast.errors import InputError
 from pourcast.files import write_text
@@ -16,15 +21,22 @@ EXPERIMENTS = ("exp1", "exp2")
 DEFAULT_SCENES = {"exp1": 120, "exp2": 60}
 """The paper's set sizes."""
 
+_PRACTICE = 1
+"""Apart from the scenes' own random numbers, whose seed is not a list."""
+
 
 @dataclass(frozen=True)
 class SceneRequest:
-    """What scenes are wanted: experiment, number, seed, and size of Experiment 2's pool."""
+    """What scenes are wanted: experiment, number, seed, and size of Experiment 2's pool.
+
+    `practice` is how many more are for practice.
+    """
 
     experiment: str
     count: int
     seed: int
     candidates: int
+    practice: int = 0
 
     def __post_init__(self) -> None:
         if self.experiment not in EXPERIMENTS:
@@ -35,6 +47,8 @@ class SceneRequest:
             raise InputError(f"scenes: expected at least 1, found {self.count}")
         if self.seed < 0:
             raise InputError(f"seed: expected 0 or more, found {self.seed}")
+        if self.practice < 0:
+            raise InputError(f"practice: expected 0 or more, found {self.practice}")
 
 
 def generate_scenes(request: SceneRequest, report: Report | None = None) -> Selection:
@@ -52,6 +66,28 @@ def generate_scenes(request: SceneRequest, report: Report | None = None) -> Sele
     return contrasting_scenes(
         ShapesFamily(), request.count, request.seed, candidates=request.candidates, report=report
     )
+
+
+def generate_practice(
+    experiment: str, count: int, seed: int, report: Report | None = None
+) -> list[Scene]:
+    """Draw and filter scenes to practise with, unlike those of the same seed to be judged.
+
+    Parameters
+    ----------
+    experiment
+        One of `EXPERIMENTS`.
+    count
+        How many.
+    seed
+        Source of randomness; the scenes' own may be the same.
+    report
+        Told of the progress.
+    """
+    family = VoronoiFamily() if experiment == "exp1" else ShapesFamily()
+    own = int(np.random.SeedSequence([seed, _PRACTICE]).generate_state(1)[0])
+    chosen = filtered_scenes(family, count, own, report=report).scenes
+    return [scene.model_copy(update={"id": f"practice-{scene.id}"}) for scene in chosen]
 
 
 def new_study(folder: Path, request: SceneRequest, report: Report | None = None) -> Selection:
@@ -76,6 +112,9 @@ def new_study(folder: Path, request: SceneRequest, report: Report | None = None)
     write_text(folder / "study.toml", _study_toml(request))
     selection = generate_scenes(request, report)
     write_scenes(folder / "scenes.json", selection.scenes)
+    if request.practice:
+        practice = generate_practice(request.experiment, request.practice, request.seed, report)
+        write_scenes(folder / "practice.json", practice)
     return selection
 
 
@@ -118,6 +157,8 @@ def _study_toml(request: SceneRequest) -> str:
     ]
     if request.experiment == "exp2":
         lines.append(f"candidates = {request.candidates}")
+    if request.practice:
+        lines.append(f"practice = {request.practice}")
     return "\n".join(lines) + "\n"
 
 
@@ -143,6 +184,18 @@ def study_scenes(folder: Path) -> list[Scene]:
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a study folder; `pourcast new` makes one")
     return load_scenes(folder)
+
+
+def load_practice(folder: Path) -> list[Scene]:
+    """Scenes to practise with; none if the study has none.
+
+    Raises
+    ------
+    InputError
+        If they are not valid.
+    """
+    path = folder / "practice.json"
+    return read_scenes(path) if path.is_file() else []
 
 
 def pick_scene(scenes: list[Scene], wanted: str, source: Path) -> Scene:

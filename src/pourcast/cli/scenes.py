@@ -99,6 +99,9 @@ def new(
     count: CountOption = None,
     seed: SeedOption = 0,
     candidates: CandidatesOption = 1000,
+    practice: Annotated[
+        int, typer.Option(min=0, help="Scenes that participants practise with.")
+    ] = 15,
     as_json: JsonOption = False,
 ) -> None:
     """Make a study folder with freshly generated scenes.
@@ -108,7 +111,7 @@ def new(
     from pourcast.study import DEFAULT_SCENES, SceneRequest, new_study
 
     wanted = count or DEFAULT_SCENES[experiment.value]
-    request = SceneRequest(experiment.value, wanted, seed, candidates)
+    request = SceneRequest(experiment.value, wanted, seed, candidates, practice)
     with progress_bar() as report:
         selection = new_study(folder, request, report)
     _print_selection(selection, folder / "scenes.json", as_json=as_json)

@@ -1,0 +1,73 @@
+"""Links that participants come by, and what their parameters say of them."""
+
+import hashlib
+import hmac
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Entry = Literal["lab", "prolific", "mturk", "preview", "simulation"]
+
+PROLIFIC = ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")
+MTURK = ("workerId", "assignmentId", "hitId")
+
+_KEYED: tuple[Entry, ...] = ("lab", "preview", "simulation")
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """Who comes by a link.
+
+    Parameters
+    ----------
+    entry
+        How.
+    identifiers
+        Ids that the recruiting platform gave.
+    participant
+        The same code for the same platform id; empty if there is none.
+    """
+
+    entry: Entry
+    identifiers: Mapping[str, str] = field(default_factory=dict)
+    participant: str = ""
+
+
+def key(secret: bytes, entry: str) -> str:
+    """The word that opens a link of ours."""
+    return hmac.new(secret, f"link {entry}".encode(), hashlib.sha256).hexdigest()[:20]
+
+
+def hashed(secret: bytes, identifier: str) -> str:
+    """Code of a platform's id, that can't be turned back without the study's database."""
+    return hmac.new(secret, f"id {identifier}".encode(), hashlib.sha256).hexdigest()[:12]
+
+
+def links(base: str, secret: bytes) -> dict[str, str]:
+    """The links to give away, by entry."""
+    prolific = "&".join(f"{name}={{{{%{name}%}}}}" for name in PROLIFIC)
+    return {
+        "lab": f"{base}/?lab={key(secret, 'lab')}",
+        "prolific": f"{base}/?{prolific}",
+        "preview": f"{base}/?preview={key(secret, 'preview')}",
+    }
+
+
+def visitor(parameters: Mapping[str, str], secret: bytes) -> Visitor | None:
+    """Who comes by a link with these parameters; None if the link is none of ours."""
+    for entry in _KEYED:
+        if entry in parameters:
+            given = parameters[entry].encode()
+            if not hmac.compare_digest(given, key(secret, entry).encode()):
+                return None
+            name = parameters.get("participant", "")
+            if entry != "lab" or not name:
+                return Visitor(entry)
+            return Visitor(entry, {"participant": name}, hashed(secret, f"lab {name}"))
+    for platform, names in (("prolific", PROLIFIC), ("mturk", MTURK)):
+        identifier = parameters.get(names[0], "")
+        if identifier and parameters.get("assignmentId") != "ASSIGNMENT_ID_NOT_AVAILABLE":
+            ids = {name: parameters[name] for name in names if parameters.get(name)}
+            entry_: Entry = "prolific" if platform == "prolific" else "mturk"
+            return Visitor(entry_, ids, hashed(secret, f"{platform} {identifier}"))
+    return None

@@ -1,0 +1,43 @@
+"""Simulated observers who take part through the real page."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pourcast.experiment.plan import Step
+
+
+class Rehearsal:
+    """What simulated observers answer, trial by trial.
+
+    Parameters
+    ----------
+    table
+        Their responses, from `simulate_observers`; each answered every scene with every
+        liquid that the experiment shows.
+    """
+
+    def __init__(self, table: pd.DataFrame) -> None:
+        self._observers = list(dict.fromkeys(table["participant"]))
+        self._answers = {
+            (row.participant, row.scene, row.liquid): (float(row.response), float(row.rt))
+            for row in table.itertuples()
+        }
+
+    def answers(self, observer: int, plan: Sequence[Step]) -> dict[str, Any]:
+        """Responses and response times [s] of an observer (from 0), by the step's number.
+
+        Scenes that the observer has no answer to, those of practice, get a seeded one.
+        """
+        name = self._observers[observer % len(self._observers)]
+        rng = np.random.default_rng([observer])
+        found = {}
+        for step in plan:
+            if step.kind != "judgment":
+                continue
+            anywhere = (round(float(rng.random()), 2), 2.0)
+            response, rt = self._answers.get((name, step.scene, step.liquid), anywhere)
+            found[str(step.seq)] = {"response": response, "rt": rt}
+        return found

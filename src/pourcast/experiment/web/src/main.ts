@@ -1,0 +1,252 @@
+/** The participant's page: begins or resumes a session, runs it, and ends when all is saved. */
+import "./page.css";
+
+import { initJsPsych, type JsPsych } from "jspsych";
+
+import { Media } from "./media";
+import { Outbox } from "./outbox";
+import { Sender } from "./sender";
+import { Tabs } from "./tabs";
+import { Timeline } from "./timeline";
+import { makeTransport } from "./transports";
+import { Refused, type Transport } from "./transport";
+import type { End, Farewell, Session } from "./types";
+import { escaped, pageOf } from "./words";
+
+/** How long the last page waits for the server before it offers the file [ms]. */
+const PATIENCE = 20_000;
+const FIRST_WAIT = 500;
+const LONGEST_WAIT = 10_000;
+
+const page = document.getElementById("page") as HTMLElement;
+
+/** Words that the page itself brings, for when the server can't be reached. */
+const words = page.dataset as { reaching: string; unreachable: string; broken: string };
+
+function show(html: string): void {
+  page.innerHTML = `<div class="text" role="status">${html}</div>`;
+}
+
+function makeWord(): string {
+  const bytes = crypto.getRandomValues(new Uint8Array(16));
+  return [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** What this browser remembers of a link: which request it made, which token it got. */
+class Memory {
+  constructor(private key: string) {}
+
+  read(): { request?: string; token?: string } {
+    try {
+      return JSON.parse(localStorage.getItem(this.key) ?? "{}");
+    } catch {
+      return {};
+    }
+  }
+
+  write(content: { request?: string; token?: string }): void {
+    try {
+      localStorage.setItem(this.key, JSON.stringify(content));
+    } catch {
+      // Without it a reload begins anew; nothing that was answered is lost.
+    }
+  }
+}
+
+async function patiently<T>(ask: () => Promise<T>): Promise<T> {
+  for (let wait = FIRST_WAIT; ; wait = Math.min(2 * wait, LONGEST_WAIT)) {
+    try {
+      return await ask();
+    } catch (error) {
+      if (error instanceof Refused) throw error;
+      show(`<p>${escaped(words.unreachable)}</p>`);
+      await new Promise((resolve) => setTimeout(resolve, wait));
+    }
+  }
+}
+
+class Study {
+  private tab = makeWord();
+  private memory: Memory;
+  private tabs: Tabs;
+  private transport: Transport;
+  private sender: Sender;
+  private jsPsych: JsPsych | null = null;
+  private ended: End | "moved" | null = null;
+
+  constructor(
+    private outbox: Outbox,
+    private link: { [name: string]: string },
+  ) {
+    const key = `pourcast ${new URLSearchParams(link).toString()}`;
+    this.memory = new Memory(key);
+    this.tabs = new Tabs(this.tab, key);
+    this.transport = makeTransport(link);
+    this.sender = new Sender(outbox, this.transport, this.tab);
+  }
+
+  async run(): Promise<void> {
+    show(`<p>${escaped(words.reaching)}</p>`);
+    // What an earlier visit could not send, whosever it was.
+    this.sender.start();
+    const elsewhere = await this.tabs.elsewhere();
+    let session: Session;
+    let resumed: boolean;
+    try {
+      [session, resumed] = await this.session();
+    } catch (error) {
+      const said = error instanceof Refused ? error.text : "";
+      return show(`<p>${escaped(said || words.broken)}</p>`);
+    }
+    document.title = session.texts["page"].title;
+    if (session.state !== "open") return this.farewell(session, session.state as End, session);
+    if (elsewhere) await this.ask(session, "tabs");
+    this.tabs.onTaken = () => this.moveAway(session);
+    this.tabs.take();
+    this.sender.onSuperseded = (token) => {
+      if (token === session.token) this.moveAway(session);
+    };
+    await this.play(session, resumed);
+  }
+
+  /** The session, and whether it goes on. */
+  private async session(): Promise<[Session, boolean]> {
+    const known = this.memory.read();
+    if (known.token) {
+      try {
+        const session = await patiently(() => this.transport.resume(known.token as string, this.tab));
+        const own = this.outbox.of(session.token).map((entry) => entry.seq);
+        session.done = [...new Set([...session.done, ...own])];
+        const over = session.state === "complete" && session.entry === "lab";
+        if (!over) return [session, session.done.length > 0];
+      } catch (error) {
+        if (!(error instanceof Refused) || error.reason !== "gone") throw error;
+      }
+    }
+    // The same request, posted again, gets the same session.
+    const request = (!known.token && known.request) || makeWord();
+    this.memory.write({ request });
+    const session = await patiently(() => this.transport.begin(request, this.tab));
+    this.memory.write({ request, token: session.token });
+    return [session, session.done.length > 0];
+  }
+
+  private ask(session: Session, name: string): Promise<void> {
+    const texts = session.texts[name];
+    show(`${pageOf(texts.title, texts.body)}<button class="jspsych-btn">${escaped(texts.button)}</button>`);
+    const button = page.querySelector("button") as HTMLButtonElement;
+    button.focus();
+    return new Promise((resolve) => button.addEventListener("click", () => resolve()));
+  }
+
+  private moveAway(session: Session): void {
+    if (this.ended) return;
+    this.stop("moved");
+    show(`<p>${escaped(session.texts["tabs"].moved)}</p>`);
+  }
+
+  /** Ends the timeline at once. */
+  private stop(end: End | "moved"): void {
+    this.ended = end;
+    if (end === "moved") page.replaceChildren();
+    this.jsPsych?.abortExperiment();
+  }
+
+  private async play(session: Session, resumed: boolean): Promise<void> {
+    page.replaceChildren();
+    const jsPsych = initJsPsych({ display_element: "page", minimum_valid_rt: 0, override_safe_mode: true });
+    this.jsPsych = jsPsych;
+    const media = new Media((name) => this.transport.mediaUrl(name));
+    const timeline = new Timeline({
+      jsPsych,
+      session,
+      media,
+      keep: async (seq, body) => {
+        await this.outbox.put(session.token, seq, body);
+        this.sender.start();
+      },
+      stop: (end) => this.stop(end),
+    }).build(resumed);
+    if (session.simulated) {
+      const mode = this.link["mode"] === "visual" ? "visual" : "data-only";
+      await jsPsych.simulate(timeline, mode, {});
+    } else await jsPsych.run(timeline);
+    if (this.ended === "moved") return this.afterMove(session);
+    await this.finish(session, this.ended ?? "complete");
+  }
+
+  private afterMove(session: Session): void {
+    show(`<p>${escaped(session.texts["tabs"].moved)}</p>`);
+  }
+
+  /** The last page waits for the network, and only it. */
+  private async finish(session: Session, end: End): Promise<void> {
+    const texts = session.texts;
+    this.tabs.release();
+    show(`<p>${escaped(texts["page"].saving)}</p>`);
+    const patience = setTimeout(() => this.offerFile(session), PATIENCE);
+    for (let wait = FIRST_WAIT; ; wait = Math.min(2 * wait, LONGEST_WAIT)) {
+      await this.sender.flushed();
+      try {
+        const said = await this.transport.finish(session.token, end);
+        if (!said.missing.length) {
+          clearTimeout(patience);
+          await this.outbox.forget(session.token);
+          return this.farewell(session, end, { code: said.code ?? "", redirect: said.redirect ?? "" });
+        }
+        this.outbox.markUnsaved(session.token, said.missing);
+      } catch (error) {
+        if (error instanceof Refused) {
+          clearTimeout(patience);
+          return this.offerFile(session);
+        }
+      }
+      await new Promise((resolve) => setTimeout(resolve, wait));
+    }
+  }
+
+  private farewell(session: Session, end: End, way: Partial<Farewell>): void {
+    const texts = session.texts;
+    if (session.entry === "lab" || end === "declined") this.memory.write({});
+    const parts = [
+      end === "complete"
+        ? pageOf(texts["end"].title, texts["end"].body)
+        : `<p>${escaped(texts["stop"][end] ?? "")}</p>`,
+    ];
+    if (way.code)
+      parts.push(`<p>${escaped(texts["end"].code)} <strong class="code">${escaped(way.code)}</strong></p>`);
+    if (end === "complete") parts.push(`<p>${escaped(texts["end"].close)}</p>`);
+    if (way.redirect) parts.push(`<p><a class="jspsych-btn">${escaped(texts["end"].redirect)}</a></p>`);
+    show(parts.join(""));
+    const link = page.querySelector("a");
+    if (link && way.redirect && /^https?:/.test(way.redirect)) link.href = way.redirect;
+    page.dataset["state"] = end;
+  }
+
+  private offerFile(session: Session): void {
+    const texts = session.texts["end"];
+    show(
+      `<h1>${escaped(texts.title)}</h1><p>${escaped(texts.offline)}</p>
+       <p>${escaped(texts.offline_code)} <strong class="code">${escaped(session.code)}</strong></p>
+       <p><a class="jspsych-btn" download="pourcast-${escaped(session.code)}.json">${escaped(texts.download)}</a></p>`,
+    );
+    const content = {
+      format: "pourcast-records",
+      schema_version: 1,
+      session: session.token,
+      participant: session.participant,
+      code: session.code,
+      records: this.outbox.of(session.token).map(({ seq, body }) => ({ seq, body })),
+    };
+    const link = page.querySelector("a") as HTMLAnchorElement;
+    link.href = URL.createObjectURL(new Blob([JSON.stringify(content)], { type: "application/json" }));
+    page.dataset["state"] = "offline";
+  }
+}
+
+async function main(): Promise<void> {
+  const link = Object.fromEntries(new URLSearchParams(location.search));
+  await new Study(await Outbox.open(), link).run();
+}
+
+void main();

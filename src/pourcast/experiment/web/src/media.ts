@@ -1,0 +1,66 @@
+/** Pictures and films, fetched ahead, a few at a time, and again if they stall. */
+
+const PARALLEL = 3;
+const TIMEOUT = 30_000;
+const FIRST_WAIT = 500;
+const LONGEST_WAIT = 10_000;
+
+export class Media {
+  private queue: string[] = [];
+  private active = 0;
+  private urls = new Map<string, string>();
+  private waiting = new Map<string, ((url: string) => void)[]>();
+
+  constructor(private source: (name: string) => string) {}
+
+  /** Fetches these next to whatever is being fetched; returns at once. */
+  preload(names: string[]): void {
+    for (const name of names) {
+      if (name && !this.urls.has(name) && !this.queue.includes(name)) this.queue.push(name);
+    }
+    this.pump();
+  }
+
+  /** Local address of a file, when it is here. It is fetched before all that wait. */
+  get(name: string): Promise<string> {
+    const there = this.urls.get(name);
+    if (there) return Promise.resolve(there);
+    return new Promise((resolve) => {
+      this.waiting.set(name, [...(this.waiting.get(name) ?? []), resolve]);
+      if (this.queue.includes(name)) this.queue.splice(this.queue.indexOf(name), 1);
+      if (!this.fetching.has(name)) this.queue.unshift(name);
+      this.pump();
+    });
+  }
+
+  private fetching = new Set<string>();
+
+  private pump(): void {
+    while (this.active < PARALLEL && this.queue.length) {
+      const name = this.queue.shift() as string;
+      if (this.urls.has(name) || this.fetching.has(name)) continue;
+      this.active += 1;
+      this.fetching.add(name);
+      void this.fetch(name).then((url) => {
+        this.active -= 1;
+        this.fetching.delete(name);
+        this.urls.set(name, url);
+        for (const resolve of this.waiting.get(name) ?? []) resolve(url);
+        this.waiting.delete(name);
+        this.pump();
+      });
+    }
+  }
+
+  private async fetch(name: string): Promise<string> {
+    for (let wait = FIRST_WAIT; ; wait = Math.min(2 * wait, LONGEST_WAIT)) {
+      try {
+        const answer = await fetch(this.source(name), { signal: AbortSignal.timeout(TIMEOUT) });
+        if (answer.ok) return URL.createObjectURL(await answer.blob());
+      } catch {
+        // Stalled or offline: again.
+      }
+      await new Promise((resolve) => setTimeout(resolve, wait));
+    }
+  }
+}

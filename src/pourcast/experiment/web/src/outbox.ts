@@ -1,0 +1,95 @@
+/**
+ * Records on their way to the server. A record is in IndexedDB before anything else happens, and
+ * stays there until the whole session is known to be saved.
+ */
+import { openDB, type IDBPDatabase } from "idb";
+
+import type { Body } from "./types";
+
+export interface Entry {
+  session: string;
+  seq: number;
+  body: Body;
+  saved: boolean;
+}
+
+const STORE = "records";
+
+export class Outbox {
+  private memory = new Map<string, Entry>();
+
+  private constructor(private database: IDBPDatabase | null) {}
+
+  /** Opens the browser's database; where it has none (private windows), the page's memory. */
+  static async open(): Promise<Outbox> {
+    try {
+      const database = await openDB("pourcast", 1, {
+        upgrade: (fresh) => {
+          fresh.createObjectStore(STORE, { keyPath: ["session", "seq"] });
+        },
+      });
+      const all = (await database.getAll(STORE)) as Entry[];
+      const outbox = new Outbox(database);
+      for (const entry of all) outbox.memory.set(keyOf(entry.session, entry.seq), entry);
+      return outbox;
+    } catch {
+      return new Outbox(null);
+    }
+  }
+
+  /** Keeps a record. Resolves when it is on the disk. The first one of a step stays. */
+  async put(session: string, seq: number, body: Body): Promise<void> {
+    const key = keyOf(session, seq);
+    if (this.memory.has(key)) return;
+    const entry = { session, seq, body, saved: false };
+    this.memory.set(key, entry);
+    await this.write(entry);
+  }
+
+  async markSaved(entry: Entry): Promise<void> {
+    entry.saved = true;
+    await this.write(entry);
+  }
+
+  /** Sends records again that the server says it has not. */
+  markUnsaved(session: string, numbers: number[]): void {
+    for (const seq of numbers) {
+      const entry = this.memory.get(keyOf(session, seq));
+      if (entry) entry.saved = false;
+    }
+  }
+
+  unsaved(): Entry[] {
+    return [...this.memory.values()]
+      .filter((entry) => !entry.saved)
+      .sort((a, b) => a.session.localeCompare(b.session) || a.seq - b.seq);
+  }
+
+  of(session: string): Entry[] {
+    return [...this.memory.values()]
+      .filter((entry) => entry.session === session)
+      .sort((a, b) => a.seq - b.seq);
+  }
+
+  /** Forgets a session that is saved to its end. */
+  async forget(session: string): Promise<void> {
+    for (const entry of this.of(session)) {
+      this.memory.delete(keyOf(session, entry.seq));
+      await this.database?.delete(STORE, [session, entry.seq]).catch(() => undefined);
+    }
+  }
+
+  private async write(entry: Entry): Promise<void> {
+    if (!this.database) return;
+    try {
+      const change = this.database.transaction(STORE, "readwrite", { durability: "strict" });
+      await Promise.all([change.store.put(entry), change.done]);
+    } catch {
+      // The browser's disk is full: the record is in memory, and on its way to the server.
+    }
+  }
+}
+
+function keyOf(session: string, seq: number): string {
+  return `${session} ${seq}`;
+}

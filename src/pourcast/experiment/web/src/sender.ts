@@ -1,0 +1,75 @@
+/** Posts what is in the outbox, one record after another, until the server has all of it. */
+import type { Entry, Outbox } from "./outbox";
+import { Refused, type Transport } from "./transport";
+
+const FIRST_WAIT = 500;
+const LONGEST_WAIT = 15_000;
+
+export class Sender {
+  private running = false;
+  private wake: () => void = () => undefined;
+  private idle: (() => void)[] = [];
+  private refused = new Set<Entry>();
+
+  /** Called when another tab has the session. */
+  onSuperseded: (session: string) => void = () => undefined;
+
+  constructor(
+    private outbox: Outbox,
+    private transport: Transport,
+    private tab: string,
+  ) {
+    const now = () => this.wake();
+    window.addEventListener("online", now);
+    document.addEventListener("visibilitychange", now);
+  }
+
+  /** Looks for records to be sent; returns at once. */
+  start(): void {
+    if (!this.running) void this.run();
+  }
+
+  /** Resolves when all is sent. */
+  async flushed(): Promise<void> {
+    this.start();
+    if (this.running) await new Promise<void>((resolve) => this.idle.push(resolve));
+  }
+
+  private next(): Entry | undefined {
+    return this.outbox.unsaved().find((entry) => !this.refused.has(entry));
+  }
+
+  private async run(): Promise<void> {
+    this.running = true;
+    let wait = FIRST_WAIT;
+    for (let entry = this.next(); entry; entry = this.next()) {
+      try {
+        const said = await this.transport.save(entry.session, entry.seq, entry.body, this.tab);
+        await this.outbox.markSaved(entry);
+        if (said.superseded) this.onSuperseded(entry.session);
+        wait = FIRST_WAIT;
+      } catch (error) {
+        // Whoever is refused stays in the browser, for the file; all others are tried for ever.
+        if (error instanceof Refused && error.status !== 429) this.refused.add(entry);
+        else {
+          await this.pause(wait);
+          wait = Math.min(2 * wait, LONGEST_WAIT);
+        }
+      }
+    }
+    this.running = false;
+    this.idle.splice(0).forEach((resolve) => resolve());
+  }
+
+  private pause(longest: number): Promise<void> {
+    // A random part, or all participants come at once when the server is back.
+    const length = longest * (0.5 + Math.random() / 2);
+    return new Promise((resolve) => {
+      const timer = setTimeout(resolve, length);
+      this.wake = () => {
+        clearTimeout(timer);
+        resolve();
+      };
+    });
+  }
+}

@@ -1,0 +1,408 @@
+/** From a session's steps to jsPsych's timeline. */
+import browserCheck from "@jspsych/plugin-browser-check";
+import callFunction from "@jspsych/plugin-call-function";
+import fullscreen from "@jspsych/plugin-fullscreen";
+import buttons from "@jspsych/plugin-html-button-response";
+import type { JsPsych } from "jspsych";
+
+import type { Media } from "./media";
+import film from "./plugins/film";
+import form, { type Question } from "./plugins/form";
+import slider from "./plugins/slider";
+import type { Body, End, Session, Step } from "./types";
+import { Watch } from "./watch";
+import { escaped, fill, pageOf } from "./words";
+
+type Node = any; // jsPsych's own type of a timeline is too wide to help here.
+
+const SLOW = 8000;
+
+/** What the timeline needs of the page around it. */
+export interface Surroundings {
+  jsPsych: JsPsych;
+  session: Session;
+  media: Media;
+  /** Keeps a step's record; resolves when it is on the disk. */
+  keep: (seq: number, body: Body) => Promise<void>;
+  /** Ends the study before its end. */
+  stop: (end: End) => void;
+}
+
+export class Timeline {
+  constructor(private around: Surroundings) {}
+
+  /** All that is still to be done; `resumed` begins with a word of welcome. */
+  build(resumed: boolean): Node[] {
+    const { session } = this.around;
+    const done = new Set(session.done);
+    const steps = session.steps.filter((step) => !done.has(step.seq));
+    const before = steps.filter((step) => ["consent", "check"].includes(step.kind));
+    const after = steps.filter((step) => !before.includes(step));
+    this.preloadNext(steps);
+    return [
+      ...(resumed ? [this.welcomeBack()] : []),
+      ...before.flatMap((step) => this.step(step)),
+      ...(session.fullscreen ? [this.fullscreen()] : []),
+      ...after.flatMap((step) => this.step(step)),
+      ...(session.fullscreen ? [{ type: fullscreen, fullscreen_mode: false, delay_after: 0 }] : []),
+    ];
+  }
+
+  private get texts() {
+    return this.around.session.texts as any;
+  }
+
+  private get goal() {
+    return this.around.session.goal;
+  }
+
+  private step(step: Step): Node[] {
+    switch (step.kind) {
+      case "consent":
+        return this.consent(step);
+      case "check":
+        return this.check(step);
+      case "instructions":
+        return this.instructions(step);
+      case "judgment":
+        return this.judgment(step);
+      case "film":
+        return step.film ? this.film(step) : [];
+      case "break":
+        return this.breaks(step);
+      case "debrief":
+        return this.debrief(step);
+    }
+  }
+
+  /** A page with buttons; the last one has the focus, so that ENTER goes on. */
+  private page(html: string | (() => string), choices: string[], extra: Node = {}): Node {
+    let watch: Watch;
+    return {
+      type: buttons,
+      stimulus: typeof html === "string" ? `<div class="text">${html}</div>` : () => `<div class="text">${html()}</div>`,
+      choices: choices.map(escaped),
+      on_load: () => {
+        watch = new Watch();
+        const all = document.querySelectorAll<HTMLElement>("#page button");
+        all[all.length - 1]?.focus();
+      },
+      on_finish: (data: any) => {
+        Object.assign(data, watch?.stop(), { rt: (data.rt ?? 0) / 1000 });
+      },
+      ...extra,
+    };
+  }
+
+  /** Keeps what the trial before has found, and only then goes on. */
+  private keep(step: Step, body: (last: any) => Body = () => ({})): Node {
+    return {
+      type: callFunction,
+      async: true,
+      func: (done: () => void) => {
+        const last = this.around.jsPsych.data.get().last(1).values()[0] ?? {};
+        const watched = {
+          rt: last.rt ?? 0,
+          window_width: last.window_width ?? window.innerWidth,
+          window_height: last.window_height ?? window.innerHeight,
+          focus_losses: last.focus_losses ?? 0,
+          dropped_frames: last.dropped_frames ?? 0,
+        };
+        void this.around.keep(step.seq, { ...watched, ...body(last) }).then(done);
+      },
+    };
+  }
+
+  private welcomeBack(): Node {
+    const { session } = this.around;
+    const trials = session.steps.filter((step) => step.kind === "judgment");
+    const done = trials.filter((step) => session.done.includes(step.seq)).length;
+    const text = fill(this.texts.resume.body, { done, count: trials.length });
+    return this.page(pageOf(this.texts.resume.title, text), [this.texts.resume.button]);
+  }
+
+  private fullscreen(): Node {
+    const texts = this.texts.fullscreen;
+    return {
+      type: fullscreen,
+      message: `<div class="text">${pageOf(texts.title, texts.body)}</div>`,
+      button_label: escaped(texts.button),
+      delay_after: 300,
+      on_load: () => document.querySelector<HTMLElement>("#jspsych-fullscreen-btn")?.focus(),
+    };
+  }
+
+  private consent(step: Step): Node[] {
+    const texts = this.texts.consent;
+    const { session } = this.around;
+    const contact = session.contact ? `\n\n${fill(texts.contact, { contact: session.contact })}` : "";
+    const body = `${fill(texts.body, { minutes: session.minutes })}${contact}\n\n${texts.agree}`;
+    const page = this.page(pageOf(texts.title, body), [texts.decline_button, texts.agree_button], {
+      simulation_options: { data: { response: 1 } },
+    });
+    const finish = page.on_finish;
+    page.on_finish = (data: any) => {
+      finish(data);
+      if (data.response === 0) this.around.stop("declined");
+    };
+    return [page, this.keep(step)];
+  }
+
+  private check(step: Step): Node[] {
+    const { session } = this.around;
+    const texts = this.texts.check;
+    let tries = 1;
+    let found: any = {};
+    const small = () =>
+      window.innerWidth < session.minimum_width || window.innerHeight < session.minimum_height;
+    const tooSmall = () =>
+      pageOf(
+        texts.title,
+        fill(texts.too_small, {
+          width: window.innerWidth,
+          height: window.innerHeight,
+          need_width: session.minimum_width,
+          need_height: session.minimum_height,
+        }),
+      );
+    const page = this.page(tooSmall, [texts.leave, texts.again]);
+    const finish = page.on_finish;
+    page.on_finish = (data: any) => {
+      finish(data);
+      tries += 1;
+      if (data.response === 0) this.around.stop("screened_out");
+    };
+    return [
+      {
+        type: browserCheck,
+        skip_features: ["webaudio", "webcam", "microphone"],
+        vsync_frame_count: 30,
+        allow_window_resize: false,
+        simulation_options: { simulate: false },
+        on_finish: (data: any) => (found = { ...data }),
+      },
+      {
+        timeline: [page],
+        conditional_function: small,
+        loop_function: small,
+      },
+      this.keep(step, () => ({
+        browser: String(found.browser ?? ""),
+        browser_version: String(found.browser_version ?? ""),
+        system: String(found.os ?? ""),
+        mobile: Boolean(found.mobile),
+        refresh_rate: Number.isFinite(found.vsync_rate) ? found.vsync_rate : null,
+        language: navigator.language,
+        tries,
+      })),
+    ];
+  }
+
+  private instructions(step: Step): Node[] {
+    const { session } = this.around;
+    const pages = this.instructionPages();
+    const questions = this.texts.quiz[this.goal].questions as Question[];
+    const quiz = this.texts.quiz;
+    const attempts: number[][] = [];
+    const began = performance.now();
+    let at = 0;
+    let passed = false;
+    const reading: Node = {
+      ...this.page(
+        () => pages[at] as string,
+        [],
+        {
+          choices: () => (at ? [this.texts.page.back, this.texts.page.continue] : [this.texts.page.continue]).map(escaped),
+          simulation_options: { data: { response: () => (at ? 1 : 0) } },
+          on_finish: (data: any) => (at += at && data.response === 0 ? -1 : 1),
+        },
+      ),
+    };
+    const asking: Node = {
+      type: form,
+      title: quiz.title,
+      body: () => (attempts.length ? quiz.wrong : quiz.body),
+      questions,
+      button: quiz.button,
+      on_finish: (data: any) => {
+        attempts.push(data.choices);
+        passed = questions.every((one, k) => data.choices[k] === one.right);
+      },
+    };
+    return [
+      {
+        timeline: [{ timeline: [reading], loop_function: () => at < pages.length }, asking],
+        loop_function: () => {
+          at = 0;
+          return !passed && attempts.length < session.comprehension_attempts;
+        },
+      },
+      this.keep(step, () => ({ attempts, rt: (performance.now() - began) / 1000 })),
+      {
+        type: callFunction,
+        func: () => {
+          if (!passed) this.around.stop("failed_check");
+        },
+      },
+    ];
+  }
+
+  private instructionPages(): string[] {
+    const { session } = this.around;
+    const texts = this.texts.instructions;
+    const trials = session.steps.filter((step) => step.kind === "judgment");
+    const count = (phase: string) => trials.filter((step) => step.phase === phase).length;
+    const liquids = [...new Set(trials.map((step) => step.liquid as string))].sort().reverse();
+    const end = fill(texts.end.body, {
+      practice: count("practice"),
+      test: count("test"),
+      blocks: this.blocks(),
+    });
+    const bodies = [...texts[this.goal].pages, end] as string[];
+    bodies[0] += `\n\n${liquids.map((liquid) => texts.liquid[liquid]).join(" ")}`;
+    return bodies.map((body) => pageOf(texts.title, body));
+  }
+
+  private blocks(): number {
+    return 1 + this.around.session.steps.filter((step) => step.kind === "break").length;
+  }
+
+  /** Waits for a file, with a word if that takes long. */
+  private fetched(name: () => string, put: (url: string) => void): Node {
+    return {
+      type: callFunction,
+      async: true,
+      func: (done: () => void) => {
+        const { page } = this.texts;
+        const holder = document.createElement("p");
+        holder.className = "waiting";
+        holder.setAttribute("role", "status");
+        const soon = setTimeout(() => (holder.textContent = page.loading), 500);
+        const late = setTimeout(() => (holder.textContent = page.loading_slow), SLOW);
+        this.around.jsPsych.getDisplayElement().replaceChildren(holder);
+        void this.around.media.get(name()).then((url) => {
+          clearTimeout(soon);
+          clearTimeout(late);
+          put(url);
+          done();
+        });
+      },
+    };
+  }
+
+  private count(step: Step): string {
+    const same = this.around.session.steps.filter(
+      (one) => one.kind === "judgment" && one.phase === step.phase,
+    );
+    const text = step.phase === "practice" ? this.texts.trial.practice : this.texts.trial.test;
+    return fill(text, { number: step.trial ?? 0, count: same.length });
+  }
+
+  private judgment(step: Step): Node[] {
+    const { session } = this.around;
+    const texts = this.texts.trial;
+    const own = texts[this.goal];
+    const liquid = step.liquid ?? "water";
+    let url = "";
+    const words = {
+      progress: this.count(step),
+      question: fill(own.question, { liquid: texts.liquid[liquid] }),
+      picture: texts.picture,
+      slider: own.slider,
+      low: own.low,
+      high: own.high,
+      value: own.value,
+      unset: texts.unset,
+      set: texts.set,
+      button: texts.button,
+    };
+    const answer = session.simulated?.[String(step.seq)];
+    return [
+      this.fetched(() => step.still as string, (found) => (url = found)),
+      {
+        type: slider,
+        stimulus: () => url,
+        aspect: session.aspect,
+        goal: this.goal,
+        liquid,
+        words,
+        ...session.slider,
+        simulation_options: { data: answer ?? {} },
+      },
+      this.keep(step, (last) => ({
+        stimulus: step.still,
+        response: last.response,
+        start: last.start,
+        first_move: last.first_move,
+        moves: last.moves,
+        input: last.input,
+        trajectory: last.trajectory,
+      })),
+    ];
+  }
+
+  private film(step: Step): Node[] {
+    const { session } = this.around;
+    const texts = this.texts.film;
+    const words = {
+      progress: this.count(step),
+      title: texts.title,
+      picture: texts.picture,
+      unplayable: texts.unplayable,
+      button: this.texts.page.continue,
+    };
+    let url = "";
+    return [
+      this.fetched(() => step.film as string, (found) => (url = found)),
+      { type: film, stimulus: () => url, aspect: session.aspect, words },
+      this.keep(step, (last) => ({ stimulus: step.film, played: last.played, stalls: last.stalls })),
+      ...(this.isLastOfPractice(step) ? [this.practiceEnd()] : []),
+    ];
+  }
+
+  private isLastOfPractice(step: Step): boolean {
+    const next = this.around.session.steps[step.seq + 1];
+    return next?.phase !== "practice";
+  }
+
+  private practiceEnd(): Node {
+    const test = this.around.session.steps.filter((step) => step.kind === "judgment" && step.phase === "test");
+    const texts = this.texts.practice_end;
+    return this.page(pageOf(texts.title, fill(texts.body, { test: test.length })), [texts.button]);
+  }
+
+  private breaks(step: Step): Node[] {
+    const texts = this.texts.break;
+    const text = fill(texts.body, { block: step.block ?? 0, blocks: this.blocks() });
+    const page = this.page(pageOf(texts.title, text), [texts.button], {
+      on_start: () => this.preloadBlock((step.block ?? 0) + 1),
+    });
+    return [page, this.keep(step)];
+  }
+
+  private debrief(step: Step): Node[] {
+    const texts = this.texts.debrief;
+    return [
+      { type: form, title: texts.title, body: texts.body, label: texts.label, button: texts.button },
+      this.keep(step, (last) => ({ remarks: last.text ?? "" })),
+    ];
+  }
+
+  /** Fetches what comes first: the practice's films, then the next block's pictures. */
+  private preloadNext(steps: Step[]): void {
+    const practice = steps.filter((step) => step.phase === "practice");
+    const films = practice.filter((step) => step.kind === "film").map((step) => step.film ?? "");
+    const stills = practice.filter((step) => step.kind === "judgment").map((step) => step.still ?? "");
+    const first = stills.flatMap((still, k) => [still, films[k] ?? ""]);
+    this.around.media.preload([...first, ...films]);
+    const next = steps.find((step) => step.kind === "judgment" && step.phase === "test");
+    if (next) this.preloadBlock(next.block ?? 1);
+  }
+
+  private preloadBlock(block: number): void {
+    const steps = this.around.session.steps.filter(
+      (step) => step.kind === "judgment" && step.block === block && !this.around.session.done.includes(step.seq),
+    );
+    this.around.media.preload(steps.map((step) => step.still ?? ""));
+  }
+}

@@ -1,0 +1,61 @@
+/** What the server tells of a session. `experiment/server.py` writes it. */
+
+export type Words = { [key: string]: any };
+
+export type Goal = "basins" | "cup";
+
+export interface Step {
+  seq: number;
+  kind: "consent" | "check" | "instructions" | "judgment" | "film" | "break" | "debrief";
+  phase?: "practice" | "test";
+  trial?: number;
+  block?: number;
+  liquid?: "water" | "honey";
+  still?: string;
+  film?: string;
+}
+
+export interface SliderDesign {
+  start: "none" | "centre" | "random" | "fixed";
+  start_at: number;
+  mouse: "move" | "drag";
+  number: boolean;
+  trajectory: boolean;
+}
+
+/** What is the same for all sessions of an experiment. */
+export interface Experiment {
+  texts: Words;
+  goal: Goal;
+  aspect: number;
+  contact: string;
+  minutes: number;
+  comprehension_attempts: number;
+  minimum_width: number;
+  minimum_height: number;
+  fullscreen: boolean;
+  slider: SliderDesign;
+}
+
+export interface Farewell {
+  code: string;
+  redirect: string;
+}
+
+export type End = "complete" | "declined" | "screened_out" | "failed_check";
+
+/** How an observer that is simulated answers the judgments, by the step's number. */
+export type Answers = { [seq: string]: { response: number; rt: number } };
+
+export interface Session extends Experiment, Partial<Farewell> {
+  token: string;
+  participant: string;
+  entry: string;
+  state: string;
+  code: string;
+  steps: Step[];
+  done: number[];
+  simulated?: Answers;
+}
+
+export type Body = { [key: string]: unknown };

@@ -1,0 +1,1 @@
+"""What participants are shown: stills, films of what happens, and the list of both."""

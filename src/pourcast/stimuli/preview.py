@@ -1,0 +1,135 @@
+"""Stimuli from the particle engine, drawn flat: at once, on any machine.
+
+They show the ground truth of the models themselves. For a study that is to be published, an
+independent solver's are better: the paper took care not to test its model on its own kind.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+
+from pourcast.files import replacing
+from pourcast.model import resolve_liquid
+from pourcast.pictures import (
+    FRAME_RATE,
+    Imagined,
+    draw_liquid,
+    draw_scene,
+    frame_maker,
+    imagine,
+    write_mp4,
+)
+from pourcast.progress import Report
+from pourcast.scene import Scene
+from pourcast.simulation import EngineSettings
+from pourcast.stimuli.manifest import (
+    FILM_SECONDS,
+    FOLDER,
+    Manifest,
+    Stimulus,
+    checksum,
+    is_whole,
+    read_manifest,
+    write_manifest,
+)
+
+SOLVER, RENDERER = "sph", "preview"
+
+_PIXELS_PER_METRE = 600
+_DPI = 100
+_TRUTH = {"water": "truth-water", "honey": "truth-honey"}
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A scene with a liquid that is to be shown; `film` if what happens is, too."""
+
+    scene: Scene
+    liquid: str
+    film: bool = False
+
+
+def make_stimuli(study: Path, wanted: Sequence[Wanted], report: Report | None = None) -> Manifest:
+    """Make the stimuli of a study that are not there yet.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    wanted
+        What is to be shown.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    Manifest
+        All stimuli of the study. It is written after every film, so that
+        interrupted work goes on where it was.
+    """
+    manifest = read_manifest(study)
+    there = {(one.scene, one.liquid): one for one in manifest.stimuli}
+    missing = [one for one in wanted if not _is_there(study, there, one)]
+    for k, one in enumerate(missing):
+        if report is not None:
+            report("making stimuli", k, len(missing))
+        there[one.scene.digest, one.liquid] = _make(study, one)
+        if one.film or k == len(missing) - 1:
+            # Others' stimuli are never taken for these: those who made the first are named.
+            manifest = Manifest(
+                solver=manifest.solver or SOLVER,
+                renderer=manifest.renderer or RENDERER,
+                stimuli=tuple(there.values()),
+            )
+            write_manifest(study, manifest)
+    return manifest
+
+
+def _is_there(study: Path, there: dict[tuple[str, str], Stimulus], one: Wanted) -> bool:
+    found = there.get((one.scene.digest, one.liquid))
+    if found is None or (one.film and found.film is None):
+        return False
+    return is_whole(study, found)
+
+
+def _make(study: Path, one: Wanted) -> Stimulus:
+    kind = "honey" if one.liquid.startswith("honey") else "water"
+    seconds = FILM_SECONDS[kind]
+    # A still is the film's first picture: nothing jumps when the film begins.
+    settings = EngineSettings(max_duration=seconds if one.film else 1 / FRAME_RATE)
+    liquid = resolve_liquid(one.liquid, one.scene)
+    truth = imagine(one.scene, _TRUTH[kind], liquid, settings=settings)
+    picture = _frames(one.scene, truth)
+    stem = f"{one.scene.digest}-{one.liquid}"
+    still, film = study / FOLDER / f"{stem}.png", study / FOLDER / f"{stem}.mp4"
+    with replacing(still) as temporary:
+        Image.fromarray(picture(0)).save(temporary)
+    checksums = {still.name: checksum(still)}
+    if one.film:
+        with replacing(film) as temporary:
+            write_mp4(temporary, picture, round(seconds * FRAME_RATE))
+        checksums[film.name] = checksum(film)
+    return Stimulus(
+        scene=one.scene.digest,
+        liquid=one.liquid,
+        still=still.name,
+        film=film.name if one.film else None,
+        outcome=round(truth.judgment, 6) if one.film else None,
+        checksums=checksums,
+    )
+
+
+def _frames(scene: Scene, truth: Imagined) -> Callable[[int], NDArray[np.uint8]]:
+    """Pictures of the box alone, edge to edge, by the frame's number."""
+    width, height = (
+        2 * round(side * _PIXELS_PER_METRE / 2) for side in (scene.box.width, scene.box.height)
+    )
+    figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    solids = draw_scene(axes, scene)
+    return frame_maker(figure, scene, [(draw_liquid(axes, scene, truth, 0), truth)], solids)
