@@ -10,12 +10,22 @@ import sys
 
 import typer
 
-from pourcast.cli import compare, design, models, observers, scenes, sweep
+from pourcast.cli import compare, design, experiment, models, observers, scenes, sweep
 from pourcast.cli.app import app
 from pourcast.cli.terminal import InterruptedWorkError
 from pourcast.errors import ClusterError, InputError, StoreError
 
-__all__ = ["compare", "design", "main", "models", "observers", "run", "scenes", "sweep"]
+__all__ = [
+    "compare",
+    "design",
+    "experiment",
+    "main",
+    "models",
+    "observers",
+    "run",
+    "scenes",
+    "sweep",
+]
 
 INTERRUPTED = 128 + signal.SIGINT
 

@@ -31,7 +31,7 @@ GranularityOption = Annotated[
 ]
 
 experiment_app = typer.Typer(
-    help="Responses to a study: for now, those of simulated observers.",
+    help="The experiment with people: serve it in their browsers, rehearse it, take the data out.",
     rich_markup_mode=None,
 )
 app.add_typer(experiment_app, name="experiment")

@@ -28,6 +28,11 @@ class Journal:
         self._lock = FileLock(path.with_suffix(".lock"))
         self._late: list[Record] = []
 
+    @classmethod
+    def of_study(cls, study: Path) -> "Journal":
+        """The journal of a study."""
+        return cls(study / NAME)
+
     def append(self, records: Iterable[Record]) -> None:
         """Append records, and those that could not be appended before.
 

@@ -21,9 +21,12 @@ class Rehearsal:
 
     def __init__(self, table: pd.DataFrame) -> None:
         self._observers = list(dict.fromkeys(table["participant"]))
-        self._answers = {
-            (row.participant, row.scene, row.liquid): (float(row.response), float(row.rt))
-            for row in table.itertuples()
+        names = ["participant", "scene", "liquid", "response", "rt"]
+        self._answers: dict[tuple[str, str, str], tuple[float, float]] = {
+            (participant, scene, liquid): (response, rt)
+            for participant, scene, liquid, response, rt in zip(
+                *(table[name].tolist() for name in names), strict=True
+            )
         }
 
     def answers(self, observer: int, plan: Sequence[Step]) -> dict[str, Any]:

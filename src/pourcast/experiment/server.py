@@ -345,13 +345,13 @@ async def _refusal(request: Request, error: Exception) -> Response:
     return JSONResponse({"refused": error.reason, "text": text}, _REFUSED[error.reason])
 
 
-async def _not_saved(_: Request, error: Exception) -> Response:
+async def _not_saved(_: Request, __: Exception) -> Response:
     return JSONResponse({"error": "not saved; try again"}, 503, {"Retry-After": "2"})
 
 
-async def _cut_off(_: Request, error: Exception) -> Response:
+async def _cut_off(_: Request, __: Exception) -> Response:
     return JSONResponse({"error": "the request was cut off"}, 400)
 
 
-async def _failed(_: Request, error: Exception) -> Response:
+async def _failed(_: Request, __: Exception) -> Response:
     return JSONResponse({"error": "the server failed"}, 500)

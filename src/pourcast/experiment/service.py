@@ -9,12 +9,12 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.design import Design, read_design, texts_of, write_default_design
-from pourcast.experiment.journal import NAME as JOURNAL
 from pourcast.experiment.journal import Journal
 from pourcast.experiment.links import Visitor
 from pourcast.experiment.plan import Stock
@@ -75,17 +75,11 @@ class Experiment:
         sessions_per_address: int = 200,
     ) -> None:
         self.study, self.storage, self.clock = study, storage, clock
-        self.scenes = study_scenes(study)
-        self.design = prepare_design(study)
+        self.stock = prepare_stock(study, storage, report)
+        self.scenes, self.design = self.stock.scenes, self.stock.design
         self.texts = texts_of(study, self.design)
-        self.stock = Stock(
-            study, self.scenes, load_practice(study), self.design, storage.secret
-        )
-        self.stock.prepare(report)
-        self.journal = Journal(study / JOURNAL)
-        self.journal.catch_up(
-            [*map(_opening, storage.sessions()), *storage.records()]
-        )
+        self.journal = Journal.of_study(study)
+        self.journal.catch_up([*map(_opening, storage.sessions()), *storage.records()])
         self._visits = _Visits(sessions_per_address)
         self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
@@ -175,9 +169,7 @@ class Experiment:
         if not 0 <= seq < len(session.plan):
             raise IndexError(seq)
         kind = session.plan[seq].kind
-        record = Record(
-            session.number, seq, kind, canonical(kind, content), self.clock(), tab
-        )
+        record = Record(session.number, seq, kind, canonical(kind, content), self.clock(), tab)
         if self._waiting is None or self._waiting.qsize() >= _MOST_WAITING:
             raise StoreError("too much is waiting to be saved")
         saved: asyncio.Future[Saved] = asyncio.get_running_loop().create_future()
@@ -215,7 +207,7 @@ class Experiment:
             while not self._waiting.empty() and len(batch) < _LARGEST_BATCH:
                 batch.append(self._waiting.get_nowait())
             try:
-                results = await self._call(lambda b=batch: self._save([r for r, _ in b]))
+                results = await self._call(partial(self._save, [record for record, _ in batch]))
             except Exception as error:
                 for _, saved in batch:
                     if not saved.done():
@@ -253,6 +245,21 @@ class _Visits:
             return False
         times.append(now)
         return True
+
+
+def prepare_stock(study: Path, storage: Storage, report: Report | None = None) -> Stock:
+    """A study's scenes and stimuli, as its design asks for them; what is missing is made.
+
+    Raises
+    ------
+    InputError
+        If the study is not fit for it.
+    """
+    stock = Stock(
+        study, study_scenes(study), load_practice(study), prepare_design(study), storage.secret
+    )
+    stock.prepare(report)
+    return stock
 
 
 def prepare_design(study: Path) -> Design:

@@ -13,10 +13,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import psutil
 import sqlalchemy as sa
 
-from pourcast.errors import InputError, StoreError
+from pourcast.errors import StoreError
+from pourcast.experiment.database import (
+    ASIDE,
+    META,
+    RECORDS,
+    SESSIONS,
+    TABLES,
+    TOKENS,
+    open_engine,
+    reason,
+)
 from pourcast.experiment.plan import Step
 
 DATABASE = "responses.sqlite"
@@ -30,61 +39,6 @@ RECRUITED = ("lab", "prolific", "mturk")
 
 MAX_CONFLICTS = 20
 """Records kept aside, at most, under one key."""
-
-_NETWORK = frozenset(
-    "nfs nfs3 nfs4 cifs smb smb2 smb3 smbfs 9p afs ceph lustre gpfs beegfs glusterfs "
-    "fuse.sshfs fuse.glusterfs fuse.ceph ncpfs davfs fuse.davfs2".split()
-)
-"""File systems on which SQLite's write-ahead log is not safe."""
-
-_TABLES = sa.MetaData()
-_META = sa.Table(
-    "meta",
-    _TABLES,
-    sa.Column("name", sa.Text, primary_key=True),
-    sa.Column("value", sa.Text, nullable=False),
-)
-_SESSIONS = sa.Table(
-    "sessions",
-    _TABLES,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("request", sa.Text, nullable=False, unique=True),
-    sa.Column("participant", sa.Text, nullable=False, index=True),
-    sa.Column("entry", sa.Text, nullable=False),
-    sa.Column("identifiers", sa.Text, nullable=False),
-    sa.Column("group_number", sa.Integer, nullable=False),
-    sa.Column("place", sa.Integer, nullable=False),
-    sa.Column("state", sa.Text, nullable=False),
-    sa.Column("tab", sa.Text, nullable=False),
-    sa.Column("code", sa.Text, nullable=False),
-    sa.Column("plan", sa.Text, nullable=False),
-    sa.Column("started", sa.Float, nullable=False),
-    sa.Column("last_seen", sa.Float, nullable=False),
-)
-_TOKENS = sa.Table(
-    "tokens",
-    _TABLES,
-    sa.Column("digest", sa.Text, primary_key=True),
-    sa.Column("session", sa.ForeignKey("sessions.id"), nullable=False, index=True),
-)
-_RECORDS = sa.Table(
-    "records",
-    _TABLES,
-    sa.Column("session", sa.ForeignKey("sessions.id"), primary_key=True),
-    sa.Column("seq", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("kind", sa.Text, nullable=False),
-    sa.Column("body", sa.Text, nullable=False),
-    sa.Column("received", sa.Float, nullable=False),
-)
-_ASIDE = sa.Table(
-    "aside",
-    _TABLES,
-    sa.Column("session", sa.ForeignKey("sessions.id"), primary_key=True),
-    sa.Column("seq", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("digest", sa.Text, primary_key=True),
-    sa.Column("body", sa.Text, nullable=False),
-    sa.Column("received", sa.Float, nullable=False),
-)
 
 
 @dataclass(frozen=True)
@@ -204,25 +158,11 @@ class Storage:
     """
 
     def __init__(self, url: str) -> None:
-        try:
-            self.url = sa.make_url(url)
-            if self.url.drivername == "postgresql":
-                self.url = self.url.set(drivername="postgresql+psycopg")
-            self.engine = sa.create_engine(self.url)
-        except (sa.exc.ArgumentError, ImportError) as error:
-            raise InputError(
-                f"database: expected a URL such as postgresql://user@host/name ({error})"
-            ) from None
-        if self.url.get_backend_name() == "sqlite":
-            _refuse_network(Path(self.url.database or ""))
-            sa.event.listen(self.engine, "connect", _safe_sqlite)
-        elif self.url.get_backend_name() != "postgresql":
-            raise InputError(
-                f"database: expected sqlite or postgresql, found {self.url.get_backend_name()}"
-            )
+        self.engine = open_engine(url)
+        self.url = self.engine.url
         try:
             with self.engine.begin() as connection:
-                _TABLES.create_all(connection)
+                TABLES.create_all(connection)
                 self.secret = bytes.fromhex(self._own(connection, "secret"))
                 self.admin_token = self._own(connection, "admin")
         except sa.exc.SQLAlchemyError as error:
@@ -240,11 +180,11 @@ class Storage:
     @staticmethod
     def _own(connection: sa.Connection, name: str) -> str:
         """A random word of this database, made once."""
-        found = connection.scalar(sa.select(_META.c.value).where(_META.c.name == name))
+        found = connection.scalar(sa.select(META.c.value).where(META.c.name == name))
         if found is not None:
             return str(found)
         word = secrets.token_hex(16)
-        connection.execute(_META.insert().values(name=name, value=word))
+        connection.execute(META.insert().values(name=name, value=word))
         return word
 
     # Sessions ------------------------------------------------------------------------
@@ -293,25 +233,25 @@ class Storage:
             if there is None:
                 there = self._new(connection, arrival, plan, groups, places, now)
             token = secrets.token_urlsafe(32)
-            connection.execute(_TOKENS.insert().values(digest=_digest(token), session=there))
-            session = self._session(connection, _SESSIONS.c.id == there)
+            connection.execute(TOKENS.insert().values(digest=_digest(token), session=there))
+            session = self._session(connection, SESSIONS.c.id == there)
             assert session is not None
             return session, token, fresh
 
     def _known(self, connection: sa.Connection, arrival: Arrival) -> int | None:
         """Number of a session to go on with."""
         found = connection.execute(
-            sa.select(_SESSIONS.c.id).where(_SESSIONS.c.request == arrival.request)
+            sa.select(SESSIONS.c.id).where(SESSIONS.c.request == arrival.request)
         ).scalar()
         if found is not None:
             return int(found)
         if arrival.entry not in RECRUITED or not arrival.participant:
             return None
         rows = connection.execute(
-            sa.select(_SESSIONS.c.id, _SESSIONS.c.identifiers, _SESSIONS.c.state).where(
-                _SESSIONS.c.participant == arrival.participant,
-                _SESSIONS.c.entry == arrival.entry,
-                _SESSIONS.c.state != "declined",
+            sa.select(SESSIONS.c.id, SESSIONS.c.identifiers, SESSIONS.c.state).where(
+                SESSIONS.c.participant == arrival.participant,
+                SESSIONS.c.entry == arrival.entry,
+                SESSIONS.c.state != "declined",
             )
         ).all()
         for number, identifiers, state in rows:
@@ -338,8 +278,8 @@ class Storage:
         states = (OPEN, COMPLETE)
         taken: dict[int, set[int]] = defaultdict(set)
         for group, place in connection.execute(
-            sa.select(_SESSIONS.c.group_number, _SESSIONS.c.place).where(
-                _SESSIONS.c.entry.in_(entries), _SESSIONS.c.state.in_(states)
+            sa.select(SESSIONS.c.group_number, SESSIONS.c.place).where(
+                SESSIONS.c.entry.in_(entries), SESSIONS.c.state.in_(states)
             )
         ):
             taken[group].add(place)
@@ -347,12 +287,40 @@ class Storage:
         if counted and places is not None and len(taken[group]) >= places:
             raise Refusal("full")
         place = next(k for k in range(len(taken[group]) + 1) if k not in taken[group])
-        steps = [step.model_dump(exclude_defaults=True) | {"seq": step.seq} for step in plan(group, place)]
-        participant = arrival.participant or f"{arrival.entry}-{secrets.token_hex(4)}"
+        return self._insert(connection, arrival, group, place, plan(group, place), now)
+
+    def insert(
+        self,
+        arrival: Arrival,
+        group: int,
+        place: int,
+        plan: Callable[[int, int], Sequence[Step]],
+        now: float,
+    ) -> Session:
+        """A session that was run elsewhere, in its group and place; the same request, the same."""
+        with self.engine.begin() as connection:
+            there = self._session(connection, SESSIONS.c.request == arrival.request)
+            if there is not None:
+                return there
+            number = self._insert(connection, arrival, group, place, plan(group, place), now)
+            session = self._session(connection, SESSIONS.c.id == number)
+            assert session is not None
+            return session
+
+    @staticmethod
+    def _insert(
+        connection: sa.Connection,
+        arrival: Arrival,
+        group: int,
+        place: int,
+        plan: Sequence[Step],
+        now: float,
+    ) -> int:
+        steps = [step.model_dump(exclude_defaults=True) | {"seq": step.seq} for step in plan]
         result = connection.execute(
-            _SESSIONS.insert().values(
+            SESSIONS.insert().values(
                 request=arrival.request,
-                participant=participant,
+                participant=arrival.participant or f"{arrival.entry}-{secrets.token_hex(4)}",
                 entry=arrival.entry,
                 identifiers=json.dumps(dict(arrival.identifiers), sort_keys=True),
                 group_number=group,
@@ -372,38 +340,36 @@ class Storage:
     @staticmethod
     def _drop_stale(connection: sa.Connection, largest_gap: float, now: float) -> None:
         connection.execute(
-            _SESSIONS.update()
-            .where(_SESSIONS.c.state == OPEN, _SESSIONS.c.last_seen < now - largest_gap)
+            SESSIONS.update()
+            .where(SESSIONS.c.state == OPEN, SESSIONS.c.last_seen < now - largest_gap)
             .values(state=DROPPED)
         )
 
     def _session(self, connection: sa.Connection, where: Any) -> Session | None:
-        row = connection.execute(sa.select(_SESSIONS).where(where)).mappings().first()
+        row = connection.execute(sa.select(SESSIONS).where(where)).mappings().first()
         return None if row is None else _session_of(row)
 
     def session_of(self, token: str) -> Session | None:
         """Session that a token belongs to, if any."""
         with self.engine.begin() as connection:
             number = connection.scalar(
-                sa.select(_TOKENS.c.session).where(_TOKENS.c.digest == _digest(token))
+                sa.select(TOKENS.c.session).where(TOKENS.c.digest == _digest(token))
             )
-            return None if number is None else self._session(connection, _SESSIONS.c.id == number)
+            return None if number is None else self._session(connection, SESSIONS.c.id == number)
 
     def claim(self, session: int, tab: str, now: float) -> None:
         """Give a session to a browser tab; any other is told so."""
         with self.engine.begin() as connection:
             connection.execute(
-                _SESSIONS.update()
-                .where(_SESSIONS.c.id == session)
-                .values(tab=tab, last_seen=now)
+                SESSIONS.update().where(SESSIONS.c.id == session).values(tab=tab, last_seen=now)
             )
 
     def end(self, session: int, state: str) -> None:
         """Say how a session ended. One that is complete stays so."""
         with self.engine.begin() as connection:
             connection.execute(
-                _SESSIONS.update()
-                .where(_SESSIONS.c.id == session, _SESSIONS.c.state != COMPLETE)
+                SESSIONS.update()
+                .where(SESSIONS.c.id == session, SESSIONS.c.state != COMPLETE)
                 .values(state=state)
             )
 
@@ -430,17 +396,15 @@ class Storage:
 
     def _save(self, connection: sa.Connection, records: Sequence[Record]) -> list[Saved]:
         numbers = {record.session for record in records}
-        tabs = {
-            number: tab
-            for number, tab in connection.execute(
-                sa.select(_SESSIONS.c.id, _SESSIONS.c.tab).where(_SESSIONS.c.id.in_(numbers))
-            )
-        }
+        rows = connection.execute(
+            sa.select(SESSIONS.c.id, SESSIONS.c.tab).where(SESSIONS.c.id.in_(numbers))
+        )
+        tabs = {row.id: row.tab for row in rows}
         there = {
             (session, seq): body
             for session, seq, body in connection.execute(
-                sa.select(_RECORDS.c.session, _RECORDS.c.seq, _RECORDS.c.body).where(
-                    sa.tuple_(_RECORDS.c.session, _RECORDS.c.seq).in_(
+                sa.select(RECORDS.c.session, RECORDS.c.seq, RECORDS.c.body).where(
+                    sa.tuple_(RECORDS.c.session, RECORDS.c.seq).in_(
                         [(record.session, record.seq) for record in records]
                     )
                 )
@@ -463,12 +427,12 @@ class Storage:
                 self._keep_aside(connection, record)
                 results.append(Saved("conflict", superseded))
         if new:
-            connection.execute(_RECORDS.insert(), [_row(record) for record in new])
+            connection.execute(RECORDS.insert(), [_row(record) for record in new])
         for session, last_seen in {r.session: r.received for r in records}.items():
             # A clock that is set back never makes a session older.
             connection.execute(
-                _SESSIONS.update()
-                .where(_SESSIONS.c.id == session, _SESSIONS.c.last_seen < last_seen)
+                SESSIONS.update()
+                .where(SESSIONS.c.id == session, SESSIONS.c.last_seen < last_seen)
                 .values(last_seen=last_seen)
             )
         return results
@@ -476,21 +440,21 @@ class Storage:
     @staticmethod
     def _keep_aside(connection: sa.Connection, record: Record) -> None:
         digest = _digest(record.body)
-        same = (_ASIDE.c.session == record.session, _ASIDE.c.seq == record.seq)
-        digests = set(connection.scalars(sa.select(_ASIDE.c.digest).where(*same)))
+        same = (ASIDE.c.session == record.session, ASIDE.c.seq == record.seq)
+        digests = set(connection.scalars(sa.select(ASIDE.c.digest).where(*same)))
         if digest not in digests and len(digests) < MAX_CONFLICTS:
             row = _row(record)
             del row["kind"]
-            connection.execute(_ASIDE.insert().values(digest=digest, **row))
+            connection.execute(ASIDE.insert().values(digest=digest, **row))
 
     def done(self, session: int) -> list[int]:
         """Numbers of the steps of a session that there are records of."""
         with self.engine.begin() as connection:
             return list(
                 connection.scalars(
-                    sa.select(_RECORDS.c.seq)
-                    .where(_RECORDS.c.session == session)
-                    .order_by(_RECORDS.c.seq)
+                    sa.select(RECORDS.c.seq)
+                    .where(RECORDS.c.session == session)
+                    .order_by(RECORDS.c.seq)
                 )
             )
 
@@ -499,14 +463,14 @@ class Storage:
     def sessions(self) -> list[Session]:
         """All sessions, in the order in which they began."""
         with self.engine.begin() as connection:
-            rows = connection.execute(sa.select(_SESSIONS).order_by(_SESSIONS.c.id)).mappings()
+            rows = connection.execute(sa.select(SESSIONS).order_by(SESSIONS.c.id)).mappings()
             return [_session_of(row) for row in rows]
 
     def records(self) -> list[Record]:
         """All records, by session and step."""
         with self.engine.begin() as connection:
             rows = connection.execute(
-                sa.select(_RECORDS).order_by(_RECORDS.c.session, _RECORDS.c.seq)
+                sa.select(RECORDS).order_by(RECORDS.c.session, RECORDS.c.seq)
             ).mappings()
             return [Record(**row) for row in rows]
 
@@ -514,14 +478,12 @@ class Storage:
         """Records that came under a key that another one had, by session and step."""
         with self.engine.begin() as connection:
             rows = connection.execute(
-                sa.select(_ASIDE, _RECORDS.c.kind)
+                sa.select(ASIDE, RECORDS.c.kind)
                 .join(
-                    _RECORDS,
-                    sa.and_(
-                        _RECORDS.c.session == _ASIDE.c.session, _RECORDS.c.seq == _ASIDE.c.seq
-                    ),
+                    RECORDS,
+                    sa.and_(RECORDS.c.session == ASIDE.c.session, RECORDS.c.seq == ASIDE.c.seq),
                 )
-                .order_by(_ASIDE.c.session, _ASIDE.c.seq, _ASIDE.c.received)
+                .order_by(ASIDE.c.session, ASIDE.c.seq, ASIDE.c.received)
             ).mappings()
             return [
                 Record(**{name: value for name, value in row.items() if name != "digest"})
@@ -537,10 +499,10 @@ class Storage:
         deleted = {}
         with self.engine.begin() as connection:
             for table, column in (
-                (_RECORDS, _RECORDS.c.session),
-                (_ASIDE, _ASIDE.c.session),
-                (_TOKENS, _TOKENS.c.session),
-                (_SESSIONS, _SESSIONS.c.id),
+                (RECORDS, RECORDS.c.session),
+                (ASIDE, ASIDE.c.session),
+                (TOKENS, TOKENS.c.session),
+                (SESSIONS, SESSIONS.c.id),
             ):
                 result = connection.execute(table.delete().where(column.in_(numbers)))
                 deleted[table.name] = result.rowcount
@@ -552,12 +514,6 @@ class Storage:
                 connection.exec_driver_sql("VACUUM")
                 connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
         return deleted
-
-
-def reason(error: BaseException) -> str:
-    """What the database said, in one line."""
-    cause = getattr(error, "orig", None) or error
-    return " ".join(str(cause).split())
 
 
 def _digest(text: str) -> str:
@@ -589,28 +545,3 @@ def _session_of(row: Mapping[Any, Any]) -> Session:
         started=row["started"],
         last_seen=row["last_seen"],
     )
-
-
-def _safe_sqlite(connection: Any, _: Any) -> None:
-    cursor = connection.cursor()
-    for pragma in (
-        "busy_timeout = 10000",
-        "journal_mode = WAL",
-        "synchronous = FULL",
-        "foreign_keys = ON",
-        "secure_delete = ON",
-    ):
-        cursor.execute(f"PRAGMA {pragma}")
-    cursor.close()
-
-
-def _refuse_network(path: Path) -> None:
-    """Refuse SQLite on a network's file system, where its write-ahead log loses data."""
-    place = path.resolve()
-    mounts = {Path(one.mountpoint): one.fstype for one in psutil.disk_partitions(all=True)}
-    nearest = next((parent for parent in place.parents if parent in mounts), None)
-    if nearest is not None and mounts[nearest].lower() in _NETWORK:
-        raise InputError(
-            f"{path}: lies on a network file system ({mounts[nearest]}), where SQLite can lose "
-            "data; put the study on a local disk, or give a PostgreSQL server by --database"
-        )

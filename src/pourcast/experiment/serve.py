@@ -1,0 +1,106 @@
+"""Serving an experiment until somebody ends it."""
+
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+from filelock import FileLock, Timeout
+from starlette.applications import Starlette
+
+from pourcast.errors import InputError, StoreError
+
+LOCK = "experiment.lock"
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where the experiment is served.
+
+    Parameters
+    ----------
+    host, port
+        What the server listens to; port 0 takes any free one.
+    public_url
+        How participants reach it, if there is another server before it.
+    behind_proxy
+        Whether to believe that server who the participants are.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8000
+    public_url: str = ""
+    behind_proxy: bool = False
+
+    def __post_init__(self) -> None:
+        if self.public_url and not self.public_url.startswith(("http://", "https://")):
+            raise InputError(f"public-url: expected http:// or https://, found {self.public_url}")
+
+    @property
+    def is_public(self) -> bool:
+        """Whether others than this machine can reach it."""
+        return bool(self.public_url) or self.host not in ("127.0.0.1", "::1", "localhost")
+
+    def base(self, port: int) -> str:
+        """URL that links begin with."""
+        if self.public_url:
+            return self.public_url.rstrip("/")
+        anywhere = self.host in ("0.0.0.0", "::")
+        name = socket.gethostname() if anywhere else self.host
+        return f"http://{f'[{name}]' if ':' in name else name}:{port}"
+
+
+def lock_study(study: Path) -> FileLock:
+    """The right to serve a study; one server has it at a time.
+
+    Raises
+    ------
+    StoreError
+        If another one serves it.
+    """
+    lock = FileLock(study / LOCK)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        raise StoreError(f"{study}: is being served already; end that server first") from None
+    return lock
+
+
+def serve(app: Starlette, address: Address, ready: Callable[[str], None]) -> None:
+    """Serve an application until Ctrl-C or a signal ends it.
+
+    Parameters
+    ----------
+    app
+        The application.
+    address
+        Where.
+    ready
+        Called with the URL that links begin with, before the first request.
+
+    Raises
+    ------
+    StoreError
+        If the port is taken.
+    """
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    with socket.socket(family) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((address.host, address.port))
+        except OSError as error:
+            raise StoreError(
+                f"{address.host}:{address.port}: {error.strerror}; choose another with --port"
+            ) from None
+        ready(address.base(listener.getsockname()[1]))
+        config = uvicorn.Config(
+            app,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            proxy_headers=address.behind_proxy,
+            forwarded_allow_ips="*" if address.behind_proxy else None,
+            timeout_graceful_shutdown=10,
+        )
+        uvicorn.Server(config).run(sockets=[listener])
