@@ -8,12 +8,13 @@ from pourcast.analysis.agreement import Settings
 from pourcast.analysis.choice import candidates, count_without_alphas, read_choice
 from pourcast.analysis.comparison import Comparison, Request, compare_study, sweep_words
 from pourcast.analysis.judged import read_judged, sweep_in_study
+from pourcast.analysis.people import study_responses
 from pourcast.analysis.rehearsal import HEADS, OBSERVERS, rehearse
 from pourcast.errors import StoreError
 from pourcast.experiment.observers import Observers
 from pourcast.progress import Report
 from pourcast.report.page import Options, write_report
-from pourcast.responses import Trials, arrange, exclude, read_responses
+from pourcast.responses import Trials, arrange, exclude
 from pourcast.scene import Scene
 from pourcast.study import DEFAULT_SCENES, SceneRequest, open_study
 from pourcast.sweep.grid import Grid, parse_grid, read_grid
@@ -106,7 +107,7 @@ def reproduce(
     carried = None if wanted.carry_from is None else read_choice(wanted.carry_from)
     scenes = open_study(folder, wanted.request, report)
     if wanted.responses is not None:
-        _trials(wanted, wanted.responses, scenes)  # Bad input is told before long work.
+        _trials(folder, wanted, wanted.responses, scenes)  # Bad input is told before long work.
     grid = read_grid(QUICK_GRID if wanted.quick else GRIDS[wanted.experiment])
     _sweep(folder, scenes, grid, workers, report)
     responses = wanted.responses
@@ -120,7 +121,7 @@ def reproduce(
         responses=responses, percent=wanted.percent, exclude=wanted.exclude,
         settings=Settings(seed=wanted.seed), carried=carried,
     )  # fmt: skip
-    trials = _trials(wanted, responses, scenes)
+    trials = _trials(folder, wanted, responses, scenes)
     count = count_without_alphas(candidates(read_judged(folder, scenes), trials))
     if count is not None:
         text = ALPHA_GRID.format(count=count)
@@ -130,9 +131,11 @@ def reproduce(
     return comparison, page
 
 
-def _trials(wanted: Reproduction, responses: Path, scenes: Sequence[Scene]) -> list[Trials]:
-    table, _ = exclude(read_responses(responses, scenes, percent=wanted.percent), wanted.exclude)
-    return arrange(table, scenes, str(responses))
+def _trials(
+    folder: Path, wanted: Reproduction, responses: Path, scenes: Sequence[Scene]
+) -> list[Trials]:
+    table, source = study_responses(folder, responses, scenes, percent=wanted.percent)
+    return arrange(exclude(table, wanted.exclude)[0], scenes, str(source))
 
 
 def _sweep(

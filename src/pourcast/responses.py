@@ -74,12 +74,24 @@ class Exclusion:
 
 
 def read_responses(path: Path, scenes: Sequence[Scene], *, percent: bool = False) -> pd.DataFrame:
-    """Read a table of responses, and check every row.
+    """Read a table of responses, a .csv or .parquet file, and check every row.
+
+    See `check_responses`.
+    """
+    return check_responses(_load(path), path, scenes, percent=percent)
+
+
+def check_responses(
+    table: pd.DataFrame, path: Path, scenes: Sequence[Scene], *, percent: bool = False
+) -> pd.DataFrame:
+    """Check every row of a table of responses.
 
     Parameters
     ----------
+    table
+        The table.
     path
-        A .csv or .parquet file.
+        Where it comes from, for error messages.
     scenes
         The study's scenes.
     percent
@@ -96,7 +108,6 @@ def read_responses(path: Path, scenes: Sequence[Scene], *, percent: bool = False
     InputError
         One line that names the row, the column and what was expected.
     """
-    table = _load(path)
     missing = [name for name in REQUIRED if name not in table.columns]
     if missing:
         raise InputError(

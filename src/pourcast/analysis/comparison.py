@@ -10,21 +10,19 @@ import pandas as pd
 from pourcast.analysis import agreement, choice, window
 from pourcast.analysis.agreement import Compared, Individuals, Settings, short_liquid
 from pourcast.analysis.judged import Judged, judge_in_study, read_judged
+from pourcast.analysis.people import study_responses
 from pourcast.compare.reliability import FEWEST_PARTICIPANTS
 from pourcast.errors import InputError
 from pourcast.extras import optional_module
 from pourcast.model import presets
 from pourcast.progress import Report
-from pourcast.responses import Exclusion, arrange, exclude, read_responses, remarks
+from pourcast.responses import Exclusion, arrange, exclude, remarks
 from pourcast.scene import Scene
 from pourcast.study import study_scenes
 from pourcast.sweep.run import SweepProgress
 
 LARGEST_R_HAT = 1.05
 """Chains of a posterior that differ by more are told of."""
-
-RESPONSES = "responses"
-"""Folder of a study that holds tables of responses."""
 
 
 @dataclass(frozen=True)
@@ -125,28 +123,6 @@ TABLES = {
 """Tables of a comparison, and what they say; those that the data can't fill are left out."""
 
 
-def find_responses(study: Path) -> Path:
-    """The study's only table of responses.
-
-    Raises
-    ------
-    InputError
-        If there is none, or more than one.
-    """
-    there = sorted(
-        path for path in (study / RESPONSES).glob("*") if path.suffix in (".csv", ".parquet")
-    )
-    if not there:
-        raise InputError(
-            f"{study / RESPONSES}: no table of responses; give one with --responses FILE, or "
-            "rehearse with `pourcast experiment simulate`"
-        )
-    if len(there) > 1:
-        names = ", ".join(path.name for path in there)
-        raise InputError(f"{study / RESPONSES}: more than one table ({names}); use --responses")
-    return there[0]
-
-
 def sweep_words(report: Report | None, what: str) -> Callable[[SweepProgress], None] | None:
     """Tell of a sweep as of any other work."""
     if report is None:
@@ -179,9 +155,8 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
     if request.bayes:
         for module in ("numpyro", "arviz"):
             optional_module(module, "bayes")
-    path = request.responses or find_responses(study)
+    table, path = study_responses(study, request.responses, scenes, percent=request.percent)
     settings = request.settings
-    table = read_responses(path, scenes, percent=request.percent)
     table, exclusions = exclude(table, request.exclude)
     trials = arrange(table, scenes, str(path))
     for one in trials:

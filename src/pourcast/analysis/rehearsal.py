@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.analysis.comparison import RESPONSES, sweep_words
+from pourcast.analysis.comparison import sweep_words
 from pourcast.analysis.judged import judge_in_study
+from pourcast.analysis.people import RESPONSES
 from pourcast.experiment.observers import Head, Observers, simulate_observers
 from pourcast.judgments import write_table
 from pourcast.progress import Report

@@ -122,13 +122,16 @@ def reliability(responses: Array, scene_counts: Array | None = None) -> Array:
     Returns
     -------
     ndarray
-        Shape [resample_count], or a single number; NaN if noise explains all of it.
+        Shape [resample_count], or a single number; NaN if noise explains all of it, or
+        fewer than two scenes count.
     """
     counts = np.ones((1, responses.shape[1])) if scene_counts is None else scene_counts
     answers = np.isfinite(responses).sum(axis=0)
     means = mean_judgments(responses)
     squares = np.where(np.isfinite(responses), (responses - means) ** 2, 0.0).sum(axis=0)
     usable = answers >= 2
+    if usable.sum() < 2:
+        return np.full(len(counts), np.nan) if scene_counts is not None else np.array(np.nan)
     error = np.where(usable, squares / np.maximum(1, (answers - 1) * answers), 0.0)
     weights = counts * usable
     total = weights.sum(axis=1)

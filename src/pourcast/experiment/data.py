@@ -88,7 +88,7 @@ def trials_table(
         session = sessions.get(record.session)
         if session is not None and record.kind == "judgment":
             rows.append(_trial(session, session.plan[record.seq], record))
-    table = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS))
+    table = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS)).astype({"block": "Int64"})
     if not trajectories or table["trajectory"].isna().all():
         table = table.drop(columns="trajectory")
     return table
