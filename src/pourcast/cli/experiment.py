@@ -216,6 +216,44 @@ def data(
         _write(study, storage, out or study / "data", form, identifiers, preview)
 
 
+@experiment_app.command()
+def export(
+    study: StudyArgument,
+    jatos: Annotated[
+        Path | None, typer.Option(metavar="FILE.jzip", help="Study archive for JATOS.")
+    ] = None,
+    static: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for any web host.")
+    ] = None,
+    datapipe: Annotated[
+        str,
+        typer.Option(metavar="ID", help="static: DataPipe's id; without it, files by hand."),
+    ] = "",
+    database: DatabaseOption = None,
+) -> None:
+    """Write the experiment as files that run without this server: for JATOS, or any web host.
+
+    What is collected there comes back by `pourcast experiment data STUDY --import FILE`.
+
+    Example: pourcast experiment export my-study --jatos my-study.jzip
+    """
+    if (jatos is None) == (static is None):
+        raise InputError("export: expected either --jatos FILE.jzip or --static DIR")
+    if datapipe and static is None:
+        raise InputError("export: --datapipe goes with --static")
+    with _storage(study, database, must_exist=False) as storage, progress_bar() as report:
+        from pourcast.experiment.export import export_jatos, export_static
+        from pourcast.experiment.service import prepare_stock
+
+        stock = prepare_stock(study, storage, report)
+    if jatos is not None:
+        export_jatos(jatos, stock)
+        typer.echo(f"{jatos}: import it in JATOS; its results come back by --import")
+    if static is not None:
+        export_static(static, stock, datapipe=datapipe)
+        typer.echo(f"{static}: put it on a web host; index.html is the link")
+
+
 def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
     import time
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pourcast.errors import InputError
 from pourcast.experiment.journal import Journal
+from pourcast.experiment.links import visitor
 from pourcast.experiment.plan import Step
 from pourcast.experiment.records import canonical
 from pourcast.experiment.storage import Arrival, Record, Session, Storage
@@ -27,7 +28,6 @@ class _Opening(BaseModel):
     format: str
     session: str = Field(min_length=8, max_length=100)
     entry: str = Field(default="static", max_length=20)
-    participant: str = Field(default="", max_length=200)
     identifiers: dict[str, str] = Field(default_factory=dict, max_length=20)
     group: int | None = Field(default=None, ge=0)
     place: int | None = Field(default=None, ge=0)
@@ -142,11 +142,12 @@ def _opened(
         return known
     if opening.group is None or opening.place is None:
         raise InputError(f"{where}: session: not one of this study's")
+    who = visitor(opening.identifiers, storage.secret)
     arrival = Arrival(
         f"import {opening.session}",
         opening.entry,
         opening.identifiers,
-        "",
-        opening.participant,
+        tab="",
+        participant=who.participant if who else "",
     )
     return storage.insert(arrival, opening.group, opening.place, plan, now)

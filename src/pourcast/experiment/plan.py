@@ -136,6 +136,13 @@ class Stock:
         self.files: dict[str, Path] = {}
         """Names handed out, and the files they stand for."""
 
+    @property
+    def digest(self) -> str:
+        """Name of what is asked: scenes and design."""
+        content = [scene.digest for scene in (*self.scenes, *self.practice)]
+        content.append(self.design.model_dump_json())
+        return hashlib.sha256("\n".join(content).encode()).hexdigest()
+
     def wanted(self) -> list[Shown]:
         """All that anybody is shown, films first."""
         groups = range(len(self.design.groups))

@@ -2,11 +2,9 @@
 
 import asyncio
 import contextlib
-import html
 import json
 import re
 from collections.abc import AsyncIterator
-from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
@@ -19,15 +17,13 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pourcast.errors import InputError, StoreError
+from pourcast.errors import StoreError
 from pourcast.experiment.links import visitor
+from pourcast.experiment.pages import DIST, page_html, participant_view, require_page
 from pourcast.experiment.records import MAX_BODY
 from pourcast.experiment.rehearsal import Rehearsal
 from pourcast.experiment.service import Experiment
 from pourcast.experiment.storage import COMPLETE, OPEN, Refusal, Session
-
-WEB = Path(__file__).parent / "web"
-DIST = WEB / "dist"
 
 _REFUSED = {"link": 403, "full": 403, "again": 403, "late": 410, "gone": 401, "busy": 429}
 
@@ -127,11 +123,7 @@ def create_app(
     InputError
         If the page has not been built.
     """
-    if not (DIST / "index.html").is_file():
-        raise InputError(
-            f"{DIST}: the participants' page has not been built; install Node.js 20 or newer and "
-            f"run: npm --prefix {WEB} ci && npm --prefix {WEB} run build"
-        )
+    require_page()
     api = _Api(experiment, rehearsal)
 
     @contextlib.asynccontextmanager
@@ -176,25 +168,10 @@ class _Forever(StaticFiles):
         return response
 
 
-def page_html(experiment: Experiment) -> str:
-    """The participants' page, in the study's words."""
-    page = experiment.texts["page"]
-    text = (DIST / "index.html").read_text(encoding="utf-8")
-    for name, words in (
-        ("LANGUAGE", experiment.design.language),
-        ("TITLE", page["title"]),
-        ("REACHING", page["reaching"]),
-        ("UNREACHABLE", page["unreachable"]),
-        ("BROKEN", page["broken"]),
-    ):
-        text = text.replace(f"@{name}@", html.escape(words))
-    return text
-
-
 class _Api:
     def __init__(self, experiment: Experiment, rehearsal: Rehearsal | None) -> None:
         self.experiment, self.rehearsal = experiment, rehearsal
-        self._page = page_html(experiment)
+        self._page = page_html(experiment.texts, experiment.design.language)
 
     async def page(self, _: Request) -> Response:
         """The participants' page."""
@@ -264,7 +241,7 @@ class _Api:
     async def _told(self, session: Session) -> dict[str, Any]:
         """What the browser must know of a session."""
         experiment = self.experiment
-        told = participant_view(experiment) | {
+        told = participant_view(experiment.stock, experiment.texts) | {
             "participant": session.participant,
             "entry": session.entry,
             "state": session.state,
@@ -289,23 +266,6 @@ class _Api:
             return {"code": "", "redirect": ""}
         redirect = recruiting.redirect if code and session.entry != "preview" else ""
         return {"code": code, "redirect": redirect.replace("{code}", code)}
-
-
-def participant_view(experiment: Experiment) -> dict[str, Any]:
-    """What every browser must know of an experiment."""
-    design = experiment.design
-    return {
-        "texts": experiment.texts,
-        "goal": experiment.scenes[0].goal.kind,
-        "aspect": experiment.scenes[0].box.width / experiment.scenes[0].box.height,
-        "contact": design.contact,
-        "minutes": design.minutes,
-        "comprehension_attempts": design.comprehension_attempts,
-        "minimum_width": design.minimum_width,
-        "minimum_height": design.minimum_height,
-        "fullscreen": design.fullscreen,
-        "slider": design.slider.model_dump(),
-    }
 
 
 async def _parsed(request: Request, model: type[Model]) -> Model:

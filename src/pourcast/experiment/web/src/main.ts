@@ -9,7 +9,8 @@ import { Sender } from "./sender";
 import { Tabs } from "./tabs";
 import { Timeline } from "./timeline";
 import { makeTransport } from "./transports";
-import { Refused, type Transport } from "./transport";
+import { lines } from "./transports/planned";
+import { Refused, type Transport } from "./transports/transport";
 import type { End, Farewell, Session } from "./types";
 import { escaped, pageOf } from "./words";
 
@@ -188,7 +189,7 @@ class Study {
     for (let wait = FIRST_WAIT; ; wait = Math.min(2 * wait, LONGEST_WAIT)) {
       await this.sender.flushed();
       try {
-        const said = await this.transport.finish(session.token, end);
+        const said = await this.transport.finish(session.token, end, this.outbox.of(session.token));
         if (!said.missing.length) {
           clearTimeout(patience);
           await this.outbox.forget(session.token);
@@ -198,7 +199,7 @@ class Study {
       } catch (error) {
         if (error instanceof Refused) {
           clearTimeout(patience);
-          return this.offerFile(session);
+          return this.offerFile(session, error.reason === "file" ? "file" : "offline");
         }
       }
       await new Promise((resolve) => setTimeout(resolve, wait));
@@ -223,24 +224,21 @@ class Study {
     page.dataset["state"] = end;
   }
 
-  private offerFile(session: Session): void {
+  private offerFile(session: Session, why: "offline" | "file" = "offline"): void {
     const texts = session.texts["end"];
     show(
-      `<h1>${escaped(texts.title)}</h1><p>${escaped(texts.offline)}</p>
+      `<h1>${escaped(texts.title)}</h1><p>${escaped(texts[why])}</p>
        <p>${escaped(texts.offline_code)} <strong class="code">${escaped(session.code)}</strong></p>
-       <p><a class="jspsych-btn" download="pourcast-${escaped(session.code)}.json">${escaped(texts.download)}</a></p>`,
+       <p><a class="jspsych-btn" download="pourcast-${escaped(session.code)}.jsonl">${escaped(texts.download)}</a></p>`,
     );
-    const content = {
-      format: "pourcast-records",
-      schema_version: 1,
-      session: session.token,
-      participant: session.participant,
-      code: session.code,
-      records: this.outbox.of(session.token).map(({ seq, body }) => ({ seq, body })),
-    };
+    const content = lines(
+      this.transport.opening(session.token),
+      session.token,
+      this.outbox.of(session.token),
+    );
     const link = page.querySelector("a") as HTMLAnchorElement;
-    link.href = URL.createObjectURL(new Blob([JSON.stringify(content)], { type: "application/json" }));
-    page.dataset["state"] = "offline";
+    link.href = URL.createObjectURL(new Blob([content], { type: "application/jsonl" }));
+    page.dataset["state"] = why;
   }
 }
 

@@ -1,6 +1,6 @@
 /** Posts what is in the outbox, one record after another, until the server has all of it. */
 import type { Entry, Outbox } from "./outbox";
-import { Refused, type Transport } from "./transport";
+import { Refused, type Transport } from "./transports/transport";
 
 const FIRST_WAIT = 500;
 const LONGEST_WAIT = 15_000;

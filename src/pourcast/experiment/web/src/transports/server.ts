@@ -1,30 +1,9 @@
-/** Who keeps the records: our server, or (in the folders that are exported) somebody else. */
-import type { Body, End, Farewell, Session } from "./types";
-
-/** The answer was no; asking again is no use. */
-export class Refused extends Error {
-  constructor(
-    readonly reason: string,
-    readonly status: number,
-    /** What the participant should read. */
-    readonly text = "",
-  ) {
-    super(reason);
-  }
-}
-
-export interface Transport {
-  begin(request: string, tab: string): Promise<Session>;
-  resume(token: string, tab: string): Promise<Session>;
-  /** Resolves when the record is on the server's disk. */
-  save(token: string, seq: number, body: Body, tab: string): Promise<{ superseded: boolean }>;
-  finish(token: string, state: End): Promise<{ missing: number[] } & Partial<Farewell>>;
-  mediaUrl(name: string): string;
-}
+/** Our own server, `experiment/server.py`. */
+import type { Body, End, Session } from "../types";
+import { Refused, type Ended, type Transport } from "./transport";
 
 const TIMEOUT = 20_000;
 
-/** Our own server. */
 export class ServerTransport implements Transport {
   constructor(private link: { [name: string]: string }) {}
 
@@ -40,8 +19,12 @@ export class ServerTransport implements Transport {
     return this.ask("PUT", `api/session/records/${seq}`, { tab, body }, token);
   }
 
-  finish(token: string, state: End): Promise<{ missing: number[] } & Partial<Farewell>> {
+  finish(token: string, state: End): Promise<Ended> {
     return this.ask("POST", "api/session/finish", { state }, token);
+  }
+
+  opening(token: string): object {
+    return { format: "pourcast-records", schema_version: 1, session: token };
   }
 
   mediaUrl(name: string): string {

@@ -1,0 +1,29 @@
+/** Who keeps the records: our server, or (in the folders that are exported) somebody else. */
+import type { Entry } from "../outbox";
+import type { Body, End, Farewell, Session } from "../types";
+
+/** The answer was no; asking again is no use. */
+export class Refused extends Error {
+  constructor(
+    readonly reason: string,
+    readonly status: number,
+    /** What the participant should read. */
+    readonly text = "",
+  ) {
+    super(reason);
+  }
+}
+
+export type Ended = { missing: number[] } & Partial<Farewell>;
+
+export interface Transport {
+  begin(request: string, tab: string): Promise<Session>;
+  resume(token: string, tab: string): Promise<Session>;
+  /** Resolves when the record is on the server's disk. */
+  save(token: string, seq: number, body: Body, tab: string): Promise<{ superseded: boolean }>;
+  /** Ends the session, or names the steps that are missing; `entries` are all its records. */
+  finish(token: string, state: End, entries: Entry[]): Promise<Ended>;
+  /** The line that says whose records follow, in the file that a participant downloads. */
+  opening(token: string): object;
+  mediaUrl(name: string): string;
+}
