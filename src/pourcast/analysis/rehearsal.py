@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.analysis.comparison import sweep_words
@@ -51,10 +52,20 @@ def rehearse(
         The table.
     """
     target = path or study / RESPONSES / "simulated.csv"
+    write_table(target, observers_table(study, scenes, observers, report))
+    return target
+
+
+def observers_table(
+    study: Path, scenes: Sequence[Scene], observers: Observers, report: Report | None = None
+) -> pd.DataFrame:
+    """What simulated observers answer; their heads' judgments come through the study's store.
+
+    See `simulate_observers`.
+    """
 
     def judge(heads: Sequence[Head]) -> Mapping[Head, NDArray[np.float64]]:
         tell = sweep_words(report, "observers' heads")
         return judge_in_study(study, scenes, heads, "observers", report=tell)
 
-    write_table(target, simulate_observers(scenes, observers, judge))
-    return target
+    return simulate_observers(scenes, observers, judge)

@@ -12,6 +12,7 @@ from pourcast.errors import InputError
 
 if TYPE_CHECKING:
     from pourcast.compare.observer import Population
+    from pourcast.experiment.observers import Observers
 
 BiasOption = Annotated[
     float | None, typer.Option(help="Observers: mean of what is added to all answers [0].")
@@ -72,12 +73,20 @@ def simulate(
         Path | None,
         typer.Option("--output", "-o", help="Table to write [STUDY/responses/simulated.csv]."),
     ] = None,
+    browser: Annotated[
+        bool,
+        typer.Option("--browser", help="Through the real page, into the study's database."),
+    ] = False,
+    visual: Annotated[
+        bool, typer.Option("--visual", help="--browser, in a window to watch, at a human pace.")
+    ] = False,
     seed: SeedOption = 0,
 ) -> None:
     """Rehearse a study: observers with a model in their heads answer, with noise and lapses.
 
     Every row says that it is simulated. In a study with basins each observer sees one liquid, with
-    cups both.
+    cups both. With --browser they take part as people will, from consent to completion code; the
+    design says who sees what.
 
     Example: pourcast experiment simulate my-study --observers 65 --model water-ife
     """
@@ -102,10 +111,50 @@ def simulate(
         spreads=_spreads(vary) if vary else dict(SPREADS),
         seed=seed,
     )
+    if browser or visual:
+        if out is not None:
+            raise InputError("simulate: --output does not go with --browser: the database keeps it")
+        _in_browser(study, who, visual=visual)
+        return
     with progress_bar() as report:
         path = rehearse(study, scenes, who, out, report)
     trials = len(scenes) * (1 if basins else 2)
     typer.echo(f"{path}: {who.count} simulated observers, {trials} trials each")
+
+
+def _in_browser(study: Path, who: "Observers", *, visual: bool) -> None:
+    """Let observers take part through the real page."""
+    from dataclasses import replace
+
+    from pourcast.analysis.rehearsal import observers_table
+    from pourcast.extras import optional_module
+
+    for module in ("sqlalchemy", "psutil", "starlette", "uvicorn"):
+        optional_module(module, "experiment")
+    from pourcast.experiment.browser import drive_observers, served
+    from pourcast.experiment.links import key
+    from pourcast.experiment.rehearsal import Rehearsal
+    from pourcast.experiment.serve import lock_study
+    from pourcast.experiment.server import create_app
+    from pourcast.experiment.service import Experiment
+    from pourcast.experiment.storage import Storage
+
+    storage = Storage.of_study(study)
+    with progress_bar() as report, lock_study(study):
+        experiment = Experiment(study, storage, report)
+        try:
+            # Who sees what is the design's to say: here everybody has an answer to everything.
+            table = observers_table(study, experiment.scenes, replace(who, between=False), report)
+            basins = experiment.scenes[0].goal.kind == "basins"
+            app = create_app(experiment, rehearsal=Rehearsal(table, basins=basins))
+            with served(app) as base:
+                drive_observers(
+                    base, key(storage.secret, "simulation"), who.count, visual=visual,
+                    report=lambda done: report("taking part", done, who.count),
+                )  # fmt: skip
+        finally:
+            experiment.close()
+    typer.echo(f"{storage.url.database}: {who.count} simulated observers took part")
 
 
 def _spreads(given: list[str]) -> dict[str, float]:

@@ -17,9 +17,12 @@ class Rehearsal:
     table
         Their responses, from `simulate_observers`; each answered every scene with every
         liquid that the experiment shows.
+    basins
+        Whether a mirrored scene turns the answer around, too.
     """
 
-    def __init__(self, table: pd.DataFrame) -> None:
+    def __init__(self, table: pd.DataFrame, *, basins: bool) -> None:
+        self._basins = basins
         self._observers = list(dict.fromkeys(table["participant"]))
         names = ["participant", "scene", "liquid", "response", "rt"]
         self._answers: dict[tuple[str, str, str], tuple[float, float]] = {
@@ -42,5 +45,6 @@ class Rehearsal:
                 continue
             anywhere = (round(float(rng.random()), 2), 2.0)
             response, rt = self._answers.get((name, step.scene, step.liquid), anywhere)
-            found[str(step.seq)] = {"response": response, "rt": rt}
+            seen = 1.0 - response if step.mirrored and self._basins else response
+            found[str(step.seq)] = {"response": seen, "rt": rt}
         return found

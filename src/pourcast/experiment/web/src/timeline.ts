@@ -36,15 +36,17 @@ export class Timeline {
     const { session } = this.around;
     const done = new Set(session.done);
     const steps = session.steps.filter((step) => !done.has(step.seq));
+    // A browser lets nobody but a person fill the screen.
+    const fills = session.fullscreen && !session.simulated;
     const before = steps.filter((step) => ["consent", "check"].includes(step.kind));
     const after = steps.filter((step) => !before.includes(step));
     this.preloadNext(steps);
     return [
       ...(resumed ? [this.welcomeBack()] : []),
       ...before.flatMap((step) => this.step(step)),
-      ...(session.fullscreen ? [this.fullscreen()] : []),
+      ...(fills ? [this.fullscreen()] : []),
       ...after.flatMap((step) => this.step(step)),
-      ...(session.fullscreen ? [{ type: fullscreen, fullscreen_mode: false, delay_after: 0 }] : []),
+      ...(fills ? [{ type: fullscreen, fullscreen_mode: false, delay_after: 0 }] : []),
     ];
   }
 

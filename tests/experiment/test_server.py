@@ -1,0 +1,300 @@
+"""The API: what a participant's browser asks, and what it is told and refused."""
+
+import json
+
+import pytest
+
+from pourcast.errors import StoreError
+from pourcast.experiment.links import key
+from pourcast.experiment.records import MAX_BODY
+from pourcast.stimuli.manifest import FOLDER
+from tests.experiment.conftest import api_of
+from tests.experiment.make import EXP1, EXP2, answer, judgment, small_study
+
+
+def test_a_session_from_consent_to_the_end(api):
+    told = api.begin().json()
+    kinds = [step["kind"] for step in told["steps"]]
+    assert kinds[:5] == ["consent", "check", "instructions", "judgment", "film"]
+    assert kinds[5:] == [*["judgment"] * 2, "break", *["judgment"] * 2, "break",
+                         *["judgment"] * 2, "debrief"]  # fmt: skip
+    assert [step["seq"] for step in told["steps"]] == list(range(len(kinds)))
+    ended = api.run(told)
+    assert ended == {"missing": [], "code": "", "redirect": ""}
+    assert api.storage.sessions()[0].state == "complete"
+    records = api.storage.records()
+    assert [record.seq for record in records] == list(range(len(kinds)))
+    assert [json.loads(r.body)["response"] for r in records if r.kind == "judgment"] == [
+        seq / 100 for seq, kind in enumerate(kinds) if kind == "judgment"
+    ]
+
+
+def test_an_answer_is_given_when_the_record_is_in_the_database(api):
+    told = api.begin().json()
+    assert api.put(told, 3, judgment()).json() == {"saved": "new", "superseded": False}
+    assert [record.seq for record in api.storage.records()] == [3]
+    assert [line["seq"] for line in api.experiment.journal.lines()] == [-1, 3]
+
+
+def test_the_same_post_twice_is_one_record_and_another_is_kept_aside(api):
+    told = api.begin().json()
+    said = [api.put(told, 3, judgment(r)).json()["saved"] for r in (0.5, 0.5, 0.6)]
+    assert said == ["new", "repeated", "conflict"]
+    assert len(api.storage.records()) == len(api.storage.kept_aside()) == 1
+
+
+def test_the_end_names_what_is_missing_and_takes_exactly_that(api):
+    told = api.begin().json()
+    for step in told["steps"]:
+        if step["seq"] not in (4, 7):
+            api.put(told, step["seq"], answer(step["kind"]))
+    assert api.post(told, "finish", state="complete").json() == {"missing": [4, 7]}
+    assert api.storage.sessions()[0].state == "open"
+    for seq in (4, 7):
+        api.put(told, seq, answer(told["steps"][seq]["kind"]))
+    assert api.post(told, "finish", state="complete").json()["missing"] == []
+
+
+def test_a_reload_goes_on_and_takes_the_session_from_the_other_tab(api):
+    told = api.begin().json()
+    api.put(told, 0, answer("consent"))
+    again = api.post(told, "resume", tab="tab-00000002").json()
+    assert again["done"] == [0]
+    assert again["steps"] == told["steps"]
+    assert api.put(told, 1, answer("check")).json() == {"saved": "new", "superseded": True}
+    assert not api.put(told, 2, answer("instructions"), tab="tab-00000002").json()["superseded"]
+
+
+def test_who_was_away_for_too_long_cannot_go_on_but_loses_nothing(api):
+    told = api.begin().json()
+    api.clock.now += 7201.0
+    said = api.post(told, "resume", tab="tab-00000002")
+    assert said.status_code == 410
+    assert said.json()["refused"] == "late"
+    assert "too long" in said.json()["text"]
+    # What the browser still had is taken all the same.
+    assert api.put(told, 3, judgment()).json()["saved"] == "new"
+
+
+def test_a_clock_set_back_by_a_day_changes_nothing(api):
+    told = api.begin().json()
+    api.clock.now -= 86400.0
+    assert api.put(told, 0, answer("consent")).json()["saved"] == "new"
+    assert api.post(told, "resume", tab="tab-00000002").status_code == 200
+    assert api.run(told)["missing"] == []
+
+
+def test_who_declines_leaves_nothing_behind(api):
+    told = api.begin().json()
+    assert api.post(told, "finish", state="declined").json()["missing"] == []
+    assert api.storage.sessions() == api.storage.records() == []
+    assert list(api.experiment.journal.lines()) == []
+
+
+@pytest.mark.parametrize(
+    ("link", "refused"),
+    [
+        ({}, "link"),
+        ({"lab": "guess"}, "link"),
+        ({"preview": ""}, "link"),
+        ({"PROLIFIC_PID": ""}, "link"),
+        ({"workerId": "w", "assignmentId": "ASSIGNMENT_ID_NOT_AVAILABLE"}, "link"),
+    ],
+)
+def test_a_link_that_is_none_of_ours_is_refused(api, link, refused):
+    said = api.begin(link=link)
+    assert said.status_code == 403
+    assert said.json()["refused"] == refused
+    assert api.storage.sessions() == []
+
+
+def test_nobody_is_simulated_where_nobody_rehearses(api):
+    said = api.begin(link={"simulation": key(api.storage.secret, "simulation")})
+    assert said.status_code == 403
+
+
+def test_prolifics_participants_are_hashed_and_get_their_codes(tmp_path):
+    codes = (
+        '[recruiting]\ncomplete = "DONE1"\nfailed_check = "FAIL1"\n'
+        'redirect = "https://app.example.org/?cc={code}"\n'
+    )
+    with api_of(small_study(tmp_path, design=EXP1 + codes)) as api:
+        link = {"PROLIFIC_PID": "5f0", "STUDY_ID": "s", "SESSION_ID": "t"}
+        told = api.begin(link=link).json()
+        assert "5f0" not in told["participant"]
+        assert api.run(told) == {
+            "missing": [], "code": "DONE1", "redirect": "https://app.example.org/?cc=DONE1",
+        }  # fmt: skip
+        again = api.begin("request-2", link=link | {"SESSION_ID": "u"})
+        assert (again.status_code, again.json()["refused"]) == (403, "again")
+        other = api.begin("request-3", link=link | {"PROLIFIC_PID": "6a1"}).json()
+        assert api.post(other, "finish", state="failed_check").json()["code"] == "FAIL1"
+
+
+def test_experiment_2_shows_everybody_both_liquids_and_honey_in_a_mirror(tmp_path):
+    with api_of(small_study(tmp_path, "exp2")) as api:
+        told = api.begin().json()
+        plan = api.storage.sessions()[0].plan
+        test = [step for step in plan if step.phase == "test"]
+        assert len(test) == 12
+        assert {(s.liquid, s.mirrored) for s in test} == {("water", False), ("honey", True)}
+        assert sorted(s.scene for s in test if s.liquid == "honey") == sorted(
+            s.scene for s in test if s.liquid == "water"
+        )
+        # A browser is told neither the scene's name nor that it is mirrored.
+        assert not {"scene", "mirrored"} & {name for step in told["steps"] for name in step}
+
+
+def test_media_are_named_by_nothing_that_tells_and_test_films_are_not_served(api):
+    told = api.begin().json()
+    practice = [step for step in told["steps"] if step["kind"] == "film"]
+    test = [step for step in told["steps"] if step.get("phase") == "test"]
+    assert not any(step.get("film") for step in test)
+    for name in (practice[0]["film"], practice[0]["still"], test[0]["still"]):
+        got = api.client.get(f"/media/{name}")
+        assert got.status_code == 200
+        assert len(name.split(".")[0]) == 32
+    manifest = (api.experiment.study / FOLDER / "manifest.json").read_text()
+    assert practice[0]["film"] not in manifest
+    films = [one.film for one in api.experiment.stock.manifest.stimuli if one.film]
+    for name in [*films, "manifest.json", "..%2fmanifest.json", "../study.toml"]:
+        assert api.client.get(f"/media/{name}").status_code == 404
+
+
+def test_films_come_in_parts_as_browsers_want_them(api):
+    film = next(step["film"] for step in api.begin().json()["steps"] if step["kind"] == "film")
+    part = api.client.get(f"/media/{film}", headers={"Range": "bytes=0-99"})
+    assert part.status_code == 206
+    assert len(part.content) == 100
+
+
+def test_one_participant_cannot_touch_another(api):
+    one, other = api.begin("request-1").json(), api.begin("request-2").json()
+    assert one["token"] != other["token"]
+    for token in ("", "x" * 43, one["token"][:-1]):
+        said = api.put({"token": token}, 0, answer("consent"))
+        assert said.status_code == 401
+    api.put(one, 0, answer("consent"))
+    assert api.post(other, "resume", tab="tab-00000003").json()["done"] == []
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        judgment(1.5),
+        judgment(float("nan")),
+        judgment(response="much"),
+        judgment(rt=-1),
+        judgment(extra=1),
+        judgment(input="mind"),
+        judgment(trajectory=[[0.0, 0.5]] * 2001),
+        {},
+    ],
+)
+def test_a_body_that_no_page_sends_is_refused_and_names_its_field(api, body):
+    told = api.begin().json()
+    text = json.dumps({"tab": "tab-00000001", "body": body})
+    said = api.client.put(
+        "/api/session/records/3", content=text, headers={"Authorization": f"Bearer {told['token']}"}
+    )
+    assert said.status_code == 422
+    assert ": " in said.json()["error"]
+    assert api.storage.records() == []
+
+
+def test_a_step_that_is_not_in_the_plan_is_refused(api):
+    told = api.begin().json()
+    assert api.put(told, len(told["steps"]), {}).status_code == 404
+    assert api.put(told, 10**12, {}).status_code == 404
+
+
+def test_a_disk_cannot_be_filled_by_one_request_or_one_address(tmp_path):
+    with api_of(small_study(tmp_path), sessions_per_address=3) as api:
+        told = api.begin("request-1").json()
+        long = {"rt": 1, "remarks": "x" * MAX_BODY}
+        assert api.put(told, len(told["steps"]) - 1, long).status_code == 413
+        said = [api.begin(f"request-{k}").status_code for k in (2, 3, 4)]
+        assert said == [201, 201, 429]
+        api.clock.now += 3601.0
+        assert api.begin("request-5").status_code == 201
+
+
+def test_what_cannot_be_saved_is_not_acknowledged(api, monkeypatch):
+    told = api.begin().json()
+
+    def full(records):
+        raise StoreError("disk full")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(api.storage, "save", full)
+        said = api.put(told, 0, answer("consent"))
+        assert (said.status_code, said.headers["retry-after"]) == (503, "2")
+    assert api.put(told, 0, answer("consent")).json()["saved"] == "new"
+
+
+def test_an_unforeseen_error_says_nothing_of_its_cause(api, monkeypatch):
+    told = api.begin().json()
+    monkeypatch.setattr(api.storage, "save", lambda records: 1 / 0)
+    said = api.put(told, 0, answer("consent"))
+    assert (said.status_code, said.json()) == (500, {"error": "the server failed"})
+
+
+def test_every_answer_has_the_headers_that_keep_strangers_out(api):
+    for path in ("/", "/nothing", "/media/x.png", "/admin"):
+        headers = api.client.get(path).headers
+        assert "default-src 'none'" in headers["content-security-policy"]
+        assert "unsafe" not in headers["content-security-policy"]
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["referrer-policy"] == "no-referrer"
+        assert "set-cookie" not in headers
+
+
+def test_the_page_fetches_nothing_from_elsewhere(api):
+    page = api.client.get("/").text
+    assert "Where will the liquid go?" in page
+    assert "@" not in page.replace("@context", "")
+    assert "http" not in page
+
+
+def test_admin_needs_its_token_and_shows_what_people_wrote_as_text(api):
+    told = api.begin().json()
+    api.run(told)
+    assert api.client.get("/admin").status_code == 404
+    assert api.client.get("/admin?token=guess").status_code == 404
+    token = api.storage.admin_token
+    page = api.client.get(f"/admin?token={token}").text
+    assert "=1+1 &lt;b&gt;fine&lt;/b&gt;" in page
+    assert "<b>fine" not in page
+    assert page.count("<figure>") == 6
+    table = api.client.get(f"/admin/participants.csv?token={token}").text
+    assert "'=1+1 <b>fine</b>" in table
+    assert len(api.client.get(f"/admin/trials.csv?token={token}").text.splitlines()) == 8
+
+
+def test_admin_is_not_there_where_it_is_off(tmp_path):
+    from starlette.testclient import TestClient
+
+    from pourcast.experiment.server import create_app
+    from pourcast.experiment.service import Experiment
+    from pourcast.experiment.storage import Storage
+
+    study = small_study(tmp_path)
+    experiment = Experiment(study, Storage.of_study(study))
+    with TestClient(create_app(experiment)) as client:
+        token = experiment.storage.admin_token
+        assert client.get(f"/admin?token={token}").status_code == 404
+    experiment.close()
+
+
+def test_a_server_that_starts_again_knows_everybody(tmp_path):
+    study = small_study(tmp_path, design=EXP2)
+    with api_of(study) as api:
+        told = api.begin().json()
+        api.put(told, 0, answer("consent"))
+    journal = study / "responses.jsonl"
+    # A crash between the commit and the journal.
+    journal.write_text(journal.read_text().splitlines(keepends=True)[0])
+    with api_of(study) as api:
+        assert [line["seq"] for line in api.experiment.journal.lines()] == [-1, 0]
+        assert api.post(told, "resume", tab="tab-00000002").json()["done"] == [0]
+        assert api.run(told)["missing"] == []
