@@ -131,7 +131,7 @@ def _in_browser(study: Path, who: "Observers", *, visual: bool) -> None:
 
     for module in ("sqlalchemy", "psutil", "starlette", "uvicorn"):
         optional_module(module, "experiment")
-    from pourcast.experiment.browser import drive_observers, served
+    from pourcast.experiment.browser import chromium, drive_observers, served
     from pourcast.experiment.links import key
     from pourcast.experiment.rehearsal import Rehearsal
     from pourcast.experiment.serve import lock_study
@@ -147,9 +147,9 @@ def _in_browser(study: Path, who: "Observers", *, visual: bool) -> None:
             table = observers_table(study, experiment.scenes, replace(who, between=False), report)
             basins = experiment.scenes[0].goal.kind == "basins"
             app = create_app(experiment, rehearsal=Rehearsal(table, basins=basins))
-            with served(app) as base:
+            with served(app) as base, chromium(headless=not visual) as browser:
                 drive_observers(
-                    base, key(storage.secret, "simulation"), who.count, visual=visual,
+                    browser, base, key(storage.secret, "simulation"), who.count, visual=visual,
                     report=lambda done: report("taking part", done, who.count),
                 )  # fmt: skip
         finally:

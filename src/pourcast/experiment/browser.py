@@ -76,6 +76,7 @@ def chromium(*, headless: bool = True) -> Iterator[Any]:
 
 
 def drive_observers(
+    browser: Any,
     base: str,
     key: str,
     count: int,
@@ -87,6 +88,8 @@ def drive_observers(
 
     Parameters
     ----------
+    browser
+        From `chromium`.
     base
         URL of the server.
     key
@@ -94,7 +97,7 @@ def drive_observers(
     count
         How many.
     visual
-        In a window to watch, at the observers' own pace; otherwise at full speed.
+        At the observers' own pace; otherwise at full speed.
     report
         Told how many are done.
 
@@ -104,14 +107,13 @@ def drive_observers(
         If one does not come to the end.
     """
     mode = "visual" if visual else "data-only"
-    with chromium(headless=not visual) as browser:
-        for observer in range(count):
-            page = browser.new_page(viewport={"width": 1400, "height": 900})
-            page.goto(f"{base}/?simulation={key}&observer={observer}&mode={mode}")
-            page.wait_for_selector("#page[data-state]", timeout=1000 * _LONGEST)
-            state = page.get_attribute("#page", "data-state")
-            page.context.close()
-            if state != "complete":
-                raise StoreError(f"observer {observer + 1}: ended as {state}")
-            if report is not None:
-                report(observer + 1)
+    for observer in range(count):
+        page = browser.new_page(viewport={"width": 1400, "height": 900})
+        page.goto(f"{base}/?simulation={key}&observer={observer}&mode={mode}")
+        page.wait_for_selector("#page[data-state]", timeout=1000 * _LONGEST)
+        state = page.get_attribute("#page", "data-state")
+        page.close()
+        if state != "complete":
+            raise StoreError(f"observer {observer + 1}: ended as {state}")
+        if report is not None:
+            report(observer + 1)

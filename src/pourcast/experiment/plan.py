@@ -76,6 +76,11 @@ class Shown:
     film: bool = False
 
     @property
+    def key(self) -> tuple[str, str, bool]:
+        """What tells it from all others of a study."""
+        return self.scene.id, self.liquid, self.mirrored
+
+    @property
     def seen(self) -> Scene:
         """The scene as it is shown."""
         return self.scene.mirrored() if self.mirrored else self.scene
@@ -135,6 +140,7 @@ class Stock:
         self.manifest = Manifest()
         self.files: dict[str, Path] = {}
         """Names handed out, and the files they stand for."""
+        self._names: dict[tuple[str, str, bool], tuple[str, str]] = {}
 
     @property
     def digest(self) -> str:
@@ -158,9 +164,9 @@ class Stock:
             self.study, [Wanted(one.seen, one.liquid, one.film) for one in wanted], report
         )
         for one in wanted:
-            self._names(one)
+            self._names[one.key] = self._handed_out(one)
 
-    def _names(self, shown: Shown) -> tuple[str, str]:
+    def _handed_out(self, shown: Shown) -> tuple[str, str]:
         """Names of still and film (empty without one)."""
         stimulus = self.manifest.find(shown.seen, shown.liquid)
         if stimulus is None:
@@ -201,7 +207,7 @@ class Stock:
         return [Step(seq=seq, **step) for seq, step in enumerate(steps)]
 
     def _trial(self, shown: Shown) -> dict[str, Any]:
-        still, film = self._names(shown)
+        still, film = self._names[shown.key]
         return {
             "liquid": shown.liquid,
             "scene": shown.scene.id,

@@ -13,6 +13,8 @@ from pourcast.errors import InputError, StoreError
 
 LOCK = "experiment.lock"
 
+_BACKLOG = 2048
+
 
 @dataclass(frozen=True)
 class Address:
@@ -89,6 +91,8 @@ def serve(app: Starlette, address: Address, ready: Callable[[str], None]) -> Non
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((address.host, address.port))
+            # Whoever comes before the server is ready waits, and is not turned away.
+            listener.listen(_BACKLOG)
         except OSError as error:
             raise StoreError(
                 f"{address.host}:{address.port}: {error.strerror}; choose another with --port"
@@ -102,5 +106,7 @@ def serve(app: Starlette, address: Address, ready: Callable[[str], None]) -> Non
             proxy_headers=address.behind_proxy,
             forwarded_allow_ips="*" if address.behind_proxy else None,
             timeout_graceful_shutdown=10,
+            # Longer than a trial: a connection serves a whole session.
+            timeout_keep_alive=75,
         )
         uvicorn.Server(config).run(sockets=[listener])

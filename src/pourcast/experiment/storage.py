@@ -428,13 +428,13 @@ class Storage:
                 results.append(Saved("conflict", superseded))
         if new:
             connection.execute(RECORDS.insert(), [_row(record) for record in new])
-        for session, last_seen in {r.session: r.received for r in records}.items():
-            # A clock that is set back never makes a session older.
-            connection.execute(
-                SESSIONS.update()
-                .where(SESSIONS.c.id == session, SESSIONS.c.last_seen < last_seen)
-                .values(last_seen=last_seen)
-            )
+        # Those of a batch came together. A clock that is set back makes no session older.
+        latest = max(record.received for record in records)
+        connection.execute(
+            SESSIONS.update()
+            .where(SESSIONS.c.id.in_(numbers), SESSIONS.c.last_seen < latest)
+            .values(last_seen=latest)
+        )
         return results
 
     @staticmethod

@@ -1,0 +1,358 @@
+"""The experiment in a real browser: from consent to the end, and what is saved of it.
+
+Needs Chromium (Debian: `apt-get install chromium`), and is skipped without.
+"""
+
+import json
+import shutil
+import time
+
+import pytest
+
+from pourcast.experiment.links import key
+from tests.e2e.participant import Participant, chromium, lab_link, open_experiment, saved, served
+from tests.experiment.make import EXP1, EXP2, small_study
+
+pytestmark = pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no Chromium")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture
+def experiment(tmp_path, request):
+    """A small study that is served: the experiment and its link."""
+    kind, design = getattr(request, "param", ("exp1", EXP1))
+    opened, app = open_experiment(small_study(tmp_path, kind, design=design))
+    with served(app) as base:
+        yield opened, lab_link(base, opened)
+    opened.close()
+
+
+def close_to(answers):
+    return pytest.approx(answers, abs=0.004)
+
+
+def judgments(experiment, count, kind="judgment"):
+    """Bodies of the judgments (or another kind of record), when there are so many."""
+    until = time.monotonic() + 10.0
+    while time.monotonic() < until:
+        found = [json.loads(r.body) for r in experiment.storage.records() if r.kind == kind]
+        if len(found) >= count:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"{len(found)} of {count} came")
+
+
+FULL = EXP1.replace("fullscreen = false\n", "")
+
+
+@pytest.mark.parametrize(
+    ("experiment", "trials", "blocks"),
+    [(("exp1", FULL), 6, [2, 2, 2]), (("exp2", EXP2), 12, [4, 4, 4])],
+    indirect=["experiment"],
+)
+def test_an_experiment_from_consent_to_the_end(experiment, browser, trials, blocks):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.see("Welcome")
+    someone.press("I agree")
+    if opened.design.fullscreen:
+        someone.press("Go to full screen")
+        someone.page.wait_for_function("document.fullscreenElement !== null")
+    someone.read()
+    someone.quiz([1, 0, 1])
+    seen = someone.go_on()
+    breaks = []
+    for size in blocks:
+        breaks += ["trial"] * size + ["Time for a break"]
+    # A film follows practice, and nothing else does.
+    assert seen == ["trial", "film", "The practice is over", *breaks[:-1], "debrief"]
+    assert someone.page.get_attribute("#page", "data-state") == "complete"
+    someone.see("Thank you!")
+    assert saved(opened) == close_to(someone.answers)
+    assert len(someone.answers) == trials + 1
+    session = opened.storage.sessions()[0]
+    assert session.state == "complete"
+    assert opened.storage.done(session.number) == list(range(len(session.plan)))
+    assert opened.storage.kept_aside() == []
+    someone.check()
+    someone.close()
+
+
+def test_all_of_it_by_keyboard_alone(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.begin(keyboard=True)
+    page = someone.page
+    assert someone.trial() == "Practice 1 of 1"
+    slider = page.get_by_role("slider", name="Share of the liquid in the right basin")
+    assert slider.evaluate("element => element === document.activeElement")
+    assert page.get_by_role("button", name="Hand in").is_disabled()
+    page.keyboard.press("Enter")  # nothing to hand in yet
+    assert page.locator(".handle").is_hidden()
+    for name, value in (
+        ("ArrowRight", 51), ("ArrowLeft", 50), ("PageUp", 60), ("PageDown", 50),
+        ("Shift+ArrowRight", 60), ("Home", 0), ("ArrowLeft", 0), ("End", 100), ("ArrowDown", 99),
+    ):  # fmt: skip
+        page.keyboard.press(name)
+        assert slider.get_attribute("aria-valuenow") == str(value)
+    assert slider.get_attribute("aria-valuetext") == "left 1 %, right 99 %"
+    someone.submit()
+    page.locator("button:enabled").wait_for()
+    page.keyboard.press("Enter")  # the film's button has the focus
+    someone.see("The practice is over")
+    page.keyboard.press("Enter")
+    someone.trial()
+    page.keyboard.press("ArrowLeft")
+    someone.submit()
+    assert [one["response"] for one in judgments(opened, 2)] == [0.99, 0.49]
+    someone.check()
+    someone.close()
+
+
+def test_the_slider_follows_the_mouse_and_a_finger(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link, has_touch=True)
+    someone.begin()
+    someone.trial()
+    page = someone.page
+    box = page.locator(".slider").bounding_box()
+    page.touchscreen.tap(box["x"] + 0.25 * box["width"], box["y"] + 10)
+    assert page.get_by_role("slider").get_attribute("aria-valuenow") == "25"
+    page.get_by_role("button", name="Hand in").tap()
+    page.locator("button:enabled").click()
+    someone.see("The practice is over")
+    someone.press("Begin")
+    someone.trial()
+    someone.move(0.9)
+    someone.move(0.75)
+    page.mouse.move(5, 5)  # beside the slider it stays where it is
+    assert page.inner_text(".shown p") == "left 25 %, right 75 %"
+    someone.submit()
+    table = judgments(opened, 2)
+    assert [one["input"] for one in table] == ["touch", "mouse"]
+    assert [one["response"] for one in table] == close_to([0.25, 0.75])
+    assert table[1]["moves"] >= 2
+    assert table[1]["rt"] >= table[1]["first_move"] > 0
+    assert [one["start"] for one in table] == [None, None]
+    someone.close()
+
+
+@pytest.mark.parametrize(
+    "experiment",
+    [("exp1", EXP1 + '[slider]\nstart = "fixed"\nstart_at = 0.3\nmouse = "drag"\nnumber = false\ntrajectory = true\n')],
+    indirect=True,
+)  # fmt: skip
+def test_a_start_a_drag_and_the_whole_way_are_choices(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.begin()
+    someone.trial()
+    slider = someone.page.get_by_role("slider")
+    assert slider.get_attribute("aria-valuenow") == "30"
+    assert someone.page.locator(".shown p").count() == 0
+    someone.move(0.9)
+    assert slider.get_attribute("aria-valuenow") == "30"
+    someone.page.mouse.down()
+    someone.move(0.6)
+    someone.page.mouse.up()
+    someone.move(0.1)
+    assert slider.get_attribute("aria-valuenow") == "60"
+    someone.submit()
+    (body,) = judgments(opened, 1)
+    assert body["start"] == 0.3
+    way = [place for _, place in body["trajectory"]]
+    assert way[0] == close_to(0.9)
+    assert way[-1] == close_to(0.6)
+    assert body["moves"] == len(way)
+    someone.close()
+
+
+def test_a_reload_goes_on_at_the_next_trial(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.begin()
+    someone.go_on(stop_at=2)
+    someone.trial()
+    someone.page.reload()
+    someone.see("Welcome back")
+    assert "2 of 7 trials" in someone.page.inner_text("#page")
+    someone.press("Go on")
+    someone.go_on()
+    assert saved(opened) == close_to(someone.answers)
+    assert opened.storage.kept_aside() == []
+    assert len(opened.storage.sessions()) == 1
+    someone.check()
+    someone.close()
+
+
+def test_a_reload_during_a_film_shows_the_film_again_and_asks_nothing_twice(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.begin()
+    someone.judge(0.5)
+    someone.page.wait_for_selector("video")
+    someone.page.reload()
+    someone.see("Welcome back")
+    someone.press("Go on")
+    someone.see("This is what happens")
+    someone.go_on()
+    assert saved(opened) == close_to(someone.answers)
+    someone.close()
+
+
+def test_two_tabs_are_recognised_and_one_takes_over(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.begin()
+    someone.judge(0.5)
+    first = someone.page
+    second = someone.open()
+    someone.page = second
+    someone.see("The study is open in another window")
+    assert first.get_by_text("You went on").count() == 0
+    someone.press("Go on here")
+    first.get_by_text("You went on in another window").wait_for()
+    someone.see("Welcome back")
+    someone.press("Go on")
+    someone.go_on()
+    assert saved(opened) == close_to(someone.answers)
+    assert len(opened.storage.sessions()) == 1
+    someone.check()
+    someone.close()
+
+
+def test_the_next_participant_at_the_same_computer_begins_anew(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.begin()
+    someone.go_on()
+    someone.page.goto(link)
+    someone.see("Welcome")
+    assert len(opened.storage.sessions()) == 2
+    someone.close()
+
+
+def test_who_fails_the_questions_three_times_is_sent_away(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.see("Welcome")
+    someone.press("I agree")
+    for _ in range(3):
+        someone.read()
+        someone.quiz([0, 0, 0])
+    someone.page.wait_for_selector("#page[data-state=failed_check]")
+    assert opened.storage.sessions()[0].state == "failed_check"
+    someone.close()
+
+
+def test_who_declines_leaves_nothing(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.see("Welcome")
+    someone.press("I do not want to take part")
+    someone.page.wait_for_selector("#page[data-state=declined]")
+    assert opened.storage.sessions() == []
+    someone.close()
+
+
+def test_a_small_screen_is_told_of_and_can_be_made_larger(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link, viewport={"width": 1000, "height": 600})
+    someone.see("Welcome")
+    someone.press("I agree")
+    someone.see("A look at your screen")
+    assert "1000 x 600" in someone.page.inner_text("#page")
+    someone.press("Try again")
+    someone.see("A look at your screen")
+    someone.page.set_viewport_size({"width": 1300, "height": 800})
+    someone.press("Try again")
+    someone.see("What you will do")
+    (check,) = judgments(opened, 1, "check")
+    assert check["tries"] == 3
+    someone.close()
+
+
+def test_prolifics_participants_get_the_code_and_the_way_back(tmp_path, browser):
+    codes = '[recruiting]\ncomplete = "DONE1"\nredirect = "https://app.example.org/?cc={code}"\n'
+    opened, app = open_experiment(small_study(tmp_path, scenes=2, design=EXP1 + codes))
+    with served(app) as base:
+        someone = Participant(browser, f"{base}/?PROLIFIC_PID=p1&STUDY_ID=s&SESSION_ID=t")
+        someone.begin()
+        someone.go_on()
+        assert someone.page.inner_text(".code") == "DONE1"
+        link = someone.page.get_by_role("link", name="Take me back")
+        assert link.get_attribute("href") == "https://app.example.org/?cc=DONE1"
+        someone.page.reload()
+        assert someone.page.inner_text(".code") == "DONE1"
+        other = Participant(browser, f"{base}/?PROLIFIC_PID=p1&STUDY_ID=s&SESSION_ID=u")
+        other.page.get_by_text("You have taken part in this study before").wait_for()
+        someone.close()
+        other.close()
+    opened.close()
+
+
+def test_no_text_is_set_before_its_words_are_escaped(tmp_path, browser):
+    own = '[texts.consent]\nbody = "<img src=x onerror=alert(1)> & <b>bold</b>"\n'
+    opened, app = open_experiment(small_study(tmp_path, design=EXP1 + own))
+    with served(app) as base:
+        someone = Participant(browser, lab_link(base, opened))
+        someone.see("Welcome")
+        assert "<img src=x onerror=alert(1)> & <b>bold</b>" in someone.page.inner_text("#page")
+        assert someone.page.locator("#page img").count() == 0
+        someone.check()
+        someone.close()
+    opened.close()
+
+
+def test_the_trial_fits_on_the_smallest_screen(experiment, browser):
+    _, link = experiment
+    someone = Participant(browser, link)
+    someone.begin()
+    someone.trial()
+    someone.move(0.5)
+    height, width = someone.page.evaluate(
+        "[document.documentElement.scrollHeight, document.documentElement.scrollWidth]"
+    )
+    assert height <= 720
+    assert width <= 1280
+    someone.close()
+
+
+def test_simulated_observers_take_part_through_the_page(tmp_path, browser):
+    import pandas as pd
+
+    from pourcast.experiment.browser import drive_observers
+    from pourcast.experiment.rehearsal import Rehearsal
+    from pourcast.experiment.server import create_app
+
+    opened, _ = open_experiment(small_study(tmp_path, "exp1"))
+    table = pd.DataFrame(
+        [
+            {"participant": f"sim-{who}", "scene": scene.id, "liquid": "water", "rt": 1.5,
+             "response": round(0.1 * k + 0.03 * who, 2)}
+            for who in range(2)
+            for k, scene in enumerate(opened.scenes)
+        ]
+    )  # fmt: skip
+    app = create_app(opened, rehearsal=Rehearsal(table, basins=True))
+    with served(app) as base:
+        drive_observers(browser, base, key(opened.storage.secret, "simulation"), 2)
+    sessions = opened.storage.sessions()
+    assert [one.state for one in sessions] == ["complete", "complete"]
+    assert {one.entry for one in sessions} == {"simulation"}
+    from pourcast.experiment.data import trials_table
+
+    found = trials_table(opened.storage)
+    found = found[found["phase"] == "test"].merge(table, on="scene", suffixes=("", "_meant"))
+    who = found["session"].map({sessions[k].number: f"sim-{k}" for k in range(2)})
+    found = found[found["participant_meant"] == who]
+    assert len(found) == 12
+    assert (found["response"] == found["response_meant"]).all()
+    assert (found["rt"] == 1.5).all()
+    assert found["simulated"].all()
+    opened.close()

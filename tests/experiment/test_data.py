@@ -1,0 +1,233 @@
+"""Data out of the database and back in: every answer, described, and deleted when asked for."""
+
+import json
+import re
+
+import pandas as pd
+import pytest
+
+from pourcast import cli
+from pourcast.analysis.people import study_responses
+from pourcast.errors import InputError
+from pourcast.experiment.data import PARTICIPANT_COLUMNS, TRIAL_COLUMNS, defused
+from pourcast.responses import arrange
+from pourcast.study import study_scenes
+from tests.experiment.conftest import api_of
+from tests.experiment.make import EXP1, answer, judgment, small_study
+
+
+def call(*arguments):
+    return cli.run(["experiment", *map(str, arguments)])
+
+
+@pytest.fixture
+def collected(tmp_path):
+    """A study with two participants (one from Prolific, who stopped half way) and a preview."""
+    study = small_study(tmp_path / "s", "exp2")
+    with api_of(study) as api:
+        api.run(api.begin("request-1").json())
+        link = {"PROLIFIC_PID": "5f0secret", "STUDY_ID": "st", "SESSION_ID": "se"}
+        half = api.begin("request-2", link=link).json()
+        for step in half["steps"][:8]:
+            api.put(half, step["seq"], answer(step["kind"], 0.75))
+        api.put(half, 3, judgment(0.1))
+        from pourcast.experiment.links import key
+
+        api.run(api.begin("request-3", link={"preview": key(api.storage.secret, "preview")}).json())
+    return study
+
+
+def test_tables_hold_every_answer_and_no_platform_id(collected, tmp_path, capsys):
+    assert call("data", collected, "-o", tmp_path / "out") == 0
+    assert "2 participants, 17 judgments" in capsys.readouterr().out
+    trials = pd.read_csv(tmp_path / "out" / "trials.csv")
+    people = pd.read_csv(tmp_path / "out" / "participants.csv")
+    assert list(trials.columns) == [name for name in TRIAL_COLUMNS if name != "trajectory"]
+    assert list(people.columns) == list(PARTICIPANT_COLUMNS)
+    assert people["state"].tolist() == ["complete", "open"]
+    assert people["test_trials"].tolist() == [12, 3]
+    assert people["kept_aside"].tolist() == [0, 1]
+    assert people["remarks"].tolist()[0] == "'=1+1 <b>fine</b>"
+    assert (trials.groupby("participant")["trial"].max() <= 12).all()
+    text = "".join(path.read_text() for path in (tmp_path / "out").iterdir())
+    assert "5f0secret" not in text
+    call("data", collected, "-o", tmp_path / "ids", "--identifiers", "--preview")
+    people = pd.read_csv(tmp_path / "ids" / "participants.csv")
+    assert len(people) == 3
+    assert people["PROLIFIC_PID"].tolist()[1] == "5f0secret"
+
+
+def test_comparing_reads_the_database_and_turns_no_cup_around(collected):
+    scenes = study_scenes(collected)
+    table, source = study_responses(collected, None, scenes)
+    assert source == collected / "responses.sqlite"
+    water, honey = arrange(table, scenes, "x")
+    assert water.responses.shape[1] == len(scenes)
+    assert honey.liquid == "honey-exp2"
+    plan = {(row.scene, row.liquid, row.participant): row.response for row in table.itertuples()}
+    for trials, liquid in ((water, "water"), (honey, "honey-exp2")):
+        for i, who in enumerate(trials.participants):
+            for j, scene in enumerate(trials.scenes):
+                answered = plan.get((scene.id, liquid, who))
+                assert (
+                    trials.responses[i, j] == pytest.approx(answered, nan_ok=True)
+                    or answered is None
+                )
+
+
+def test_a_table_beside_the_database_must_be_chosen(collected):
+    (collected / "responses").mkdir()
+    (collected / "responses" / "simulated.csv").write_text("participant\n")
+    with pytest.raises(InputError, match=r"more than one source .*responses.sqlite, responses/sim"):
+        study_responses(collected, None, study_scenes(collected))
+
+
+def test_a_study_that_nobody_took_part_in_says_what_to_do(tmp_path):
+    study = small_study(tmp_path)
+    with pytest.raises(InputError, match="collect some with `pourcast experiment serve`"):
+        study_responses(study, None, study_scenes(study))
+
+
+PSYCH_DS_NAME = re.compile(r"([a-z]+-[A-Za-z0-9]+)(_[a-z]+-[A-Za-z0-9]+)*_data\.csv")
+"""Psych-DS: keywords, parted by underscores, and the suffix `_data`."""
+
+
+def test_psych_ds_keeps_the_standards_rules(collected, tmp_path):
+    out = tmp_path / "ds"
+    assert call("data", collected, "--format", "psych-ds", "-o", out) == 0
+    described = json.loads((out / "dataset_description.json").read_text())
+    assert described["@context"] == "https://schema.org/"
+    assert described["@type"] == "Dataset"
+    assert described["name"]
+    assert described["description"]
+    variables = {one["name"]: one for one in described["variableMeasured"]}
+    assert all(one["@type"] == "PropertyValue" and one["description"] for one in variables.values())
+    tables = list((out / "data").iterdir())
+    assert len(tables) == 2
+    for path in tables:
+        assert PSYCH_DS_NAME.fullmatch(path.name)
+        assert set(pd.read_csv(path).columns) <= set(variables)
+    assert (out / "materials" / "scenes.json").is_file()
+    # A second time it would mix what is old with what is new.
+    assert call("data", collected, "--format", "psych-ds", "-o", out) == 2
+
+
+def test_who_withdraws_is_gone_from_everywhere(collected, capsys):
+    table = collected / "responses" / "people.csv"
+    call("data", collected, "-o", collected / "responses")
+    (collected / "responses" / "trials.csv").rename(table)
+    capsys.readouterr()
+    before = pd.read_csv(table)
+    assert call("data", collected, "--withdraw", "5f0secret") == 0
+    said = capsys.readouterr().out
+    assert "database: 8 rows of records" in said
+    assert "responses.jsonl: 9 lines" in said
+    assert "responses/people.csv: 4 rows" in said
+    left = b"".join(
+        path.read_bytes()
+        for path in collected.rglob("*")
+        if path.is_file() and "stimuli" not in str(path)
+    )
+    gone = set(before["participant"]) - set(pd.read_csv(table)["participant"])
+    assert len(gone) == 1
+    assert b"5f0secret" not in left
+    assert gone.pop().encode() not in left
+    assert call("data", collected, "--withdraw", "5f0secret") == 2
+    assert "there is no participant '5f0secret'" in capsys.readouterr().err
+
+
+def offered(told, steps):
+    """The file that the page offers when the server can't be reached."""
+    lines = [{"format": "pourcast-records", "schema_version": 1, "session": told["token"]}]
+    lines += [
+        {"session": told["token"], "seq": step["seq"], "body": answer(step["kind"], 0.5)}
+        for step in steps
+    ]
+    return "".join(json.dumps(line) + "\n" for line in lines)
+
+
+def test_a_file_that_a_participant_downloaded_completes_the_session(tmp_path, capsys):
+    study = small_study(tmp_path / "s")
+    with api_of(study) as api:
+        told = api.begin().json()
+        api.put(told, 0, answer("consent"))
+        api.put(told, 3, judgment(0.9))
+    path = tmp_path / "answers.jsonl"
+    path.write_text(offered(told, told["steps"]))
+    assert call("data", study, "--import", path) == 0
+    assert (
+        f"{len(told['steps']) - 2} new records, 1 that were there, 1 kept aside"
+        in capsys.readouterr().out
+    )
+    call("status", study, "--json")
+    said = json.loads(capsys.readouterr().out)
+    assert said["groups"] == [{"group": 1, "complete": 1}]
+    assert said["judgments"] == 7
+    assert call("data", study, "--import", path) == 0
+    assert f"0 new records, {len(told['steps']) - 1} that were there" in capsys.readouterr().out
+
+
+def test_a_file_of_a_session_that_no_server_saw_makes_one(tmp_path, capsys):
+    study = small_study(tmp_path / "s", design=EXP1)
+    with api_of(study) as api:
+        steps = [step.model_dump() for step in api.experiment.stock.plan(0, 2)]
+    opening = {
+        "format": "pourcast-records", "schema_version": 1, "session": "a1b2c3d4e5", "entry": "jatos",
+        "identifiers": {"PROLIFIC_PID": "5f0"}, "group": 0, "place": 2,
+    }  # fmt: skip
+    told = {"token": "a1b2c3d4e5"}
+    text = json.dumps(opening) + "\n" + offered(told, steps).split("\n", 1)[1]
+    path = tmp_path / "results.txt"
+    path.write_text(text)
+    assert call("data", study, "--import", path, "-o", tmp_path / "out") == 0
+    people = pd.read_csv(tmp_path / "out" / "participants.csv")
+    assert people["state"].tolist() == ["complete"]
+    assert people["entry"].tolist() == ["jatos"]
+    trials = pd.read_csv(tmp_path / "out" / "trials.csv")
+    assert trials["scene"].tolist() == [s["scene"] for s in steps if s["kind"] == "judgment"]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("no json", "line 2: not JSON"),
+        ("[1]", "line 2: expected an object"),
+        ('{"session": "other", "seq": 0, "body": {}}', "line 2: session: no line before opens it"),
+        ('{"session": "TOKEN", "seq": 99, "body": {}}', "line 2: seq: expected below"),
+        ('{"session": "TOKEN", "seq": 3, "body": {"rt": 1}}', "line 2: stimulus: Field required"),
+        ('{"format": "other", "session": "TOKEN"}', "line 2: format: expected pourcast-records"),
+    ],
+)
+def test_a_file_that_is_wrong_is_told_of_by_line_and_nothing_is_taken(
+    tmp_path, capsys, line, message
+):
+    study = small_study(tmp_path / "s")
+    with api_of(study) as api:
+        told = api.begin().json()
+    path = tmp_path / "answers.jsonl"
+    path.write_text(offered(told, []) + line.replace("TOKEN", told["token"]) + "\n")
+    assert call("data", study, "--import", path) == 2
+    said = capsys.readouterr().err
+    assert f"{path}: {message}" in said
+    assert said.count("\n") == 1
+    call("data", study, "-o", tmp_path / "out")
+    assert "0 judgments" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1"])
+def test_formulas_are_defused_and_numbers_left_alone(text):
+    table = pd.DataFrame({"remarks": [text, "fine"], "number": [-1.0, 2.0]})
+    safe = defused(table)
+    assert safe["remarks"].tolist() == [f"'{text}", "fine"]
+    assert safe["number"].tolist() == [-1.0, 2.0]
+
+
+@pytest.mark.parametrize("command", ["status", "data"])
+def test_without_a_database_there_is_one_line(tmp_path, capsys, command):
+    study = small_study(tmp_path)
+    assert call(command, study) == 2
+    assert "responses.sqlite: not there; nobody has taken part yet" in capsys.readouterr().err
+
+
+def test_every_column_is_described():
+    assert all(len(text) > 8 for text in {**TRIAL_COLUMNS, **PARTICIPANT_COLUMNS}.values())
