@@ -77,8 +77,8 @@ class Sturdy(threading.Thread):
     def ask(self, method, path, content, token="", seconds=120.0):
         until = time.monotonic() + seconds
         while time.monotonic() < until:
+            connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=5)
             try:
-                connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=5)
                 connection.request(
                     method, path, json.dumps(content),
                     {"Content-Type": "application/json", "Authorization": f"Bearer {token}"},
@@ -90,6 +90,8 @@ class Sturdy(threading.Thread):
                     return json.loads(text)
             except (OSError, http.client.HTTPException):
                 pass
+            finally:
+                connection.close()
             time.sleep(0.05 + 0.1 * self.random.random())
         raise AssertionError(f"{path}: no answer in {seconds} s")
 
@@ -138,9 +140,17 @@ class CuttingProxy:
         self.loop.run_forever()
 
     def close(self):
-        self.loop.call_soon_threadsafe(self.server.close)
-        self.loop.call_soon_threadsafe(self.loop.stop)
+        async def end():
+            self.server.close()
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
+            self.loop.stop()
+
+        asyncio.run_coroutine_threadsafe(end(), self.loop)
         self.thread.join()
+        self.loop.close()
 
     async def _connection(self, reader, writer):
         try:
@@ -148,10 +158,14 @@ class CuttingProxy:
         except OSError:
             writer.close()
             return
-        await asyncio.gather(
-            self._pass(reader, there[1], "request", writer),
-            self._pass(there[0], writer, "answer", there[1]),
-        )
+        try:
+            await asyncio.gather(
+                self._pass(reader, there[1], "request", writer),
+                self._pass(there[0], writer, "answer", there[1]),
+            )
+        finally:
+            writer.close()
+            there[1].close()
 
     async def _pass(self, reader, writer, what, other):
         try:

@@ -55,6 +55,7 @@ class Client:
             times.append(loop.time() - began)
             assert (status, said["saved"]) == (200, "new")
         self.writer.close()
+        await self.writer.wait_closed()
 
 
 async def run_load(port, key):
