@@ -3,13 +3,10 @@
 import json
 import re
 
-from pourcast.experiment.browser import chromium, served
 from pourcast.experiment.links import key
 from pourcast.experiment.server import create_app
 from pourcast.experiment.service import Experiment
 from pourcast.experiment.storage import Storage
-
-__all__ = ["Participant", "chromium", "lab_link", "open_experiment", "served"]
 
 
 def open_experiment(study, **options):

@@ -5,12 +5,24 @@ Needs Chromium (Debian: `apt-get install chromium`), and is skipped without.
 
 import json
 import shutil
+import threading
 import time
+import zipfile
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
+import pandas as pd
 import pytest
 
+from pourcast import cli
+from pourcast.experiment.browser import chromium, drive_observers, served
+from pourcast.experiment.data import trials_table
 from pourcast.experiment.links import key
-from tests.e2e.participant import Participant, chromium, lab_link, open_experiment, saved, served
+from pourcast.experiment.rehearsal import Rehearsal
+from pourcast.experiment.server import create_app
+from pourcast.experiment.storage import Storage
+from tests.e2e.participant import Participant, lab_link, open_experiment, saved
 from tests.experiment.make import EXP1, EXP2, small_study
 
 pytestmark = pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no Chromium")
@@ -324,12 +336,6 @@ def test_the_trial_fits_on_the_smallest_screen(experiment, browser):
 
 
 def test_simulated_observers_take_part_through_the_page(tmp_path, browser):
-    import pandas as pd
-
-    from pourcast.experiment.browser import drive_observers
-    from pourcast.experiment.rehearsal import Rehearsal
-    from pourcast.experiment.server import create_app
-
     opened, _ = open_experiment(small_study(tmp_path, "exp1"))
     table = pd.DataFrame(
         [
@@ -345,8 +351,6 @@ def test_simulated_observers_take_part_through_the_page(tmp_path, browser):
     sessions = opened.storage.sessions()
     assert [one.state for one in sessions] == ["complete", "complete"]
     assert {one.entry for one in sessions} == {"simulation"}
-    from pourcast.experiment.data import trials_table
-
     found = trials_table(opened.storage)
     found = found[found["phase"] == "test"].merge(table, on="scene", suffixes=("", "_meant"))
     who = found["session"].map({sessions[k].number: f"sim-{k}" for k in range(2)})
@@ -356,3 +360,147 @@ def test_simulated_observers_take_part_through_the_page(tmp_path, browser):
     assert (found["rt"] == 1.5).all()
     assert found["simulated"].all()
     opened.close()
+
+
+def test_observers_can_be_watched(tmp_path, browser):
+    opened, _ = open_experiment(small_study(tmp_path, scenes=2))
+    table = pd.DataFrame(
+        {"participant": "sim-0", "scene": [one.id for one in opened.scenes], "liquid": "water",
+         "response": [0.2, 0.9], "rt": 0.7}
+    )  # fmt: skip
+    with served(create_app(opened, rehearsal=Rehearsal(table, basins=True))) as base:
+        link = key(opened.storage.secret, "simulation")
+        drive_observers(browser, base, link, 1, visual=True)
+    found = {
+        step.scene: body["response"]
+        for step, body in zip(
+            [s for s in opened.storage.sessions()[0].plan if s.kind == "judgment"],
+            judgments(opened, 3),
+            strict=True,
+        )
+    }
+    assert [found[one.id] for one in opened.scenes] == close_to([0.2, 0.9])
+    assert judgments(opened, 1, "film")[0]["played"]
+    opened.close()
+
+
+@contextmanager
+def web_host(folder):
+    """A plain web server, as any web host is."""
+    handler = partial(QuietHandler, directory=str(folder))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+def imported(study, path, tmp_path):
+    assert cli.run(["experiment", "data", str(study), "--import", str(path)]) == 0
+    storage = Storage.of_study(study)
+    (session,) = storage.sessions()
+    answers = [json.loads(r.body)["response"] for r in storage.records() if r.kind == "judgment"]
+    storage.close()
+    assert session.state == "complete"
+    return session, answers
+
+
+def test_a_static_page_offers_its_answers_as_a_file(tmp_path, browser):
+    study = small_study(tmp_path / "s", scenes=3)
+    export = ["experiment", "export", str(study), "--static", str(tmp_path / "web")]
+    assert cli.run(export) == 0
+    with web_host(tmp_path / "web") as base:
+        someone = Participant(browser, f"{base}/index.html?PROLIFIC_PID=p9", accept_downloads=True)
+        someone.begin()
+        someone.go_on(stop_at=2)
+        someone.page.reload()
+        someone.see("Welcome back")
+        someone.press("Go on")
+        someone.go_on()
+        assert someone.page.get_attribute("#page", "data-state") == "file"
+        with someone.page.expect_download() as download:
+            someone.page.get_by_role("link", name="Download my answers").click()
+        download.value.save_as(tmp_path / "answers.jsonl")
+        someone.check()
+        someone.close()
+    session, answers = imported(study, tmp_path / "answers.jsonl", tmp_path)
+    assert answers == close_to(someone.answers)
+    assert session.entry == "static"
+    assert session.identifiers == {"PROLIFIC_PID": "p9"}
+
+
+def test_a_static_page_sends_its_answers_to_datapipe(tmp_path, browser):
+    study = small_study(tmp_path / "s", scenes=2)
+    export = ["experiment", "export", str(study), "--static", str(tmp_path / "web")]
+    assert cli.run([*export, "--datapipe", "ABC123"]) == 0
+    sent = []
+
+    def datapipe(route):
+        sent.append(route.request.post_data_json)
+        headers = {"Access-Control-Allow-Origin": "*", "Access-Control-Allow-Headers": "*"}
+        # The first try fails, as networks do.
+        route.fulfill(status=503 if len(sent) == 1 else 201, headers=headers, json={})
+
+    with web_host(tmp_path / "web") as base:
+        someone = Participant(browser, f"{base}/index.html")
+        someone.page.route("https://pipe.jspsych.org/**", datapipe)
+        someone.begin()
+        someone.go_on()
+        assert someone.page.get_attribute("#page", "data-state") == "complete"
+        someone.close()
+    assert len(sent) == 2
+    assert sent[0] == sent[1]
+    assert sent[1]["experimentID"] == "ABC123"
+    (tmp_path / "osf.jsonl").write_text(sent[1]["data"])
+    assert imported(study, tmp_path / "osf.jsonl", tmp_path)[1] == close_to(someone.answers)
+
+
+JATOS = """
+window.jatos = {
+  studySessionData: JSON.parse(sessionStorage.session ?? "{}"),
+  urlQueryParameters: { PROLIFIC_PID: "p7" },
+  onLoad: (callback) => setTimeout(callback, 50),
+  setStudySessionData: async (data) => {
+    jatos.studySessionData = data;
+    sessionStorage.session = JSON.stringify(data);
+  },
+  appendResultData: async (data) => { sessionStorage.results = (sessionStorage.results ?? "") + data; },
+  endStudyWithoutRedirect: async (successful) => { sessionStorage.ended = successful; },
+};
+"""
+"""As much of jatos.js as the page uses; its results are where a test can see them."""
+
+
+def test_jatos_gets_each_answer_as_it_comes(tmp_path, browser):
+    study = small_study(tmp_path / "s", scenes=3)
+    assert cli.run(["experiment", "export", str(study), "--jatos", str(tmp_path / "a.jzip")]) == 0
+    with zipfile.ZipFile(tmp_path / "a.jzip") as jzip:
+        jzip.extractall(tmp_path / "jatos")
+    (folder,) = [path for path in (tmp_path / "jatos").iterdir() if path.is_dir()]
+    (folder / "jatos.js").write_text(JATOS)
+    with web_host(folder) as base:
+        someone = Participant(browser, f"{base}/index.html")
+        someone.begin()
+        someone.go_on(stop_at=2)
+        results = someone.page.evaluate("sessionStorage.results")
+        assert sum('"response"' in line for line in results.splitlines()) >= 1
+        someone.page.reload()
+        someone.see("Welcome back")
+        someone.press("Go on")
+        someone.go_on()
+        assert someone.page.get_attribute("#page", "data-state") == "complete"
+        assert someone.page.evaluate("sessionStorage.ended") == "true"
+        results = someone.page.evaluate("sessionStorage.results")
+        someone.check()
+        someone.close()
+    (tmp_path / "results.txt").write_text(results)
+    session, answers = imported(study, tmp_path / "results.txt", tmp_path)
+    assert answers == close_to(someone.answers)
+    assert session.entry == "jatos"
+    assert session.participant not in ("p7", "")

@@ -15,10 +15,12 @@ import time
 
 import pytest
 
+from pourcast import cli
+from pourcast.experiment.browser import chromium
 from pourcast.experiment.data import trials_table
 from pourcast.experiment.journal import Journal
 from pourcast.experiment.storage import Storage
-from tests.e2e.participant import Participant, chromium
+from tests.e2e.participant import Participant
 from tests.experiment.make import EXP1, EXP2, small_study
 from tests.experiment.server_process import CuttingProxy, ServerProcess, Sturdy
 
@@ -139,8 +141,6 @@ def test_who_is_offline_to_the_end_gets_a_code_and_a_file_that_completes_the_stu
         download.value.save_as(path)
         someone.close()
     arguments = ["experiment", "data", str(study), "--import", str(path)]
-    from pourcast import cli
-
     assert cli.run(arguments) == 0
     storage = Storage.of_study(study)
     assert storage.sessions()[0].code == code

@@ -63,8 +63,12 @@ export class StaticTransport implements Transport {
       body: JSON.stringify({ experimentID: plan.datapipe, filename: `${token}.jsonl`, data }),
       signal: AbortSignal.timeout(TIMEOUT),
     });
-    // 400 is what DataPipe says of a name that it has already: an earlier try came through.
-    if (!answer.ok && answer.status !== 400) throw new Error(`status ${answer.status}`);
+    if (answer.ok) return;
+    const said = await answer.json().catch(() => ({}));
+    // It has a file of this name: an earlier try came through, only its answer didn't.
+    if (/FILE_EXISTS$/.test(said.error ?? "")) return;
+    if (answer.status < 500) throw new Refused("offline", answer.status);
+    throw new Error(`status ${answer.status}`);
   }
 
   private fetched(): Promise<Plan> {
