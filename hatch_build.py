@@ -1,7 +1,7 @@
 """Builds the participants' page (TypeScript) when the package is built, and ships it in the wheel.
 
-It needs Node.js 20 or newer with npm. Without them the package is built all the same, and
-`pourcast experiment serve` says what is missing.
+It needs Node.js 20 or newer with npm, and the npm registry. Without them the package is built all
+the same, and `pourcast experiment serve` says what is missing.
 """
 
 import shutil
@@ -34,20 +34,21 @@ class BuildHook(BuildHookInterface[Any]):
         stamp = DIST / "sources.sha256"
         digest = _digest()
         if not stamp.is_file() or stamp.read_text() != digest:
-            npm = shutil.which("npm")
-            if npm is None:
-                self.app.display_warning(
-                    "npm was not found: the participants' page is not built; install Node.js 20 "
-                    "or newer for `pourcast experiment serve`, and install again"
-                )
+            problem = _build()
+            if problem:
+                self.app.display_warning(f"the participants' page was not built: {problem}")
                 return
-            for command in (["ci", "--no-audit", "--no-fund"], ["run", "build"]):
-                done = subprocess.run(
-                    [npm, *command], check=False, cwd=WEB, capture_output=True, text=True
-                )
-                if done.returncode:
-                    raise RuntimeError(
-                        f"npm {' '.join(command)}: {done.stdout[-2000:]}{done.stderr[-2000:]}"
-                    )
             stamp.write_text(digest)
         build_data["artifacts"].append("src/pourcast/experiment/web/dist/**")
+
+
+def _build() -> str:
+    """Build the page; returns what went wrong, if anything did."""
+    npm = shutil.which("npm")
+    if npm is None:
+        return "npm was not found; install Node.js 20 or newer, and install pourcast again"
+    for command in (["ci", "--no-audit", "--no-fund"], ["run", "build"]):
+        done = subprocess.run([npm, *command], check=False, cwd=WEB, capture_output=True, text=True)
+        if done.returncode:
+            return f"npm {' '.join(command)}: {done.stdout[-1000:]}{done.stderr[-1000:]}"
+    return ""

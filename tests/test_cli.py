@@ -82,14 +82,27 @@ def test_predict_prints_json(tmp_path, capsys):
     assert [row["scene"] for row in rows] == ["s1", "s2"]
 
 
+def test_practice_scenes_are_others_and_leave_the_scenes_as_they_are(tmp_path):
+    with_practice, without = tmp_path / "a", tmp_path / "b"
+    assert call("new", "exp1", with_practice, "-n", 3, "--practice", 2) == 0
+    assert call("new", "exp1", without, "-n", 3, "--practice", 0) == 0
+    scenes = (with_practice / "scenes.json").read_bytes()
+    assert scenes == (without / "scenes.json").read_bytes()
+    assert not (without / "practice.json").exists()
+    practice = read_scenes(with_practice / "practice.json")
+    assert [scene.id for scene in practice] == ["practice-exp1-001", "practice-exp1-002"]
+    judged = {scene.digest for scene in read_scenes(with_practice / "scenes.json")}
+    assert judged.isdisjoint(scene.digest for scene in practice)
+
+
 def test_a_study_folder_stands_for_its_scenes(tmp_path, capsys):
     study = tmp_path / "study"
     assert call("new", "exp1", study, "-n", 2, "--seed", 3) == 0
-    assert listing(study) == ["scenes.json", "study.toml"]
+    assert listing(study) == ["practice.json", "scenes.json", "study.toml"]
     assert call("predict", study, "-m", "gravity") == 0
     assert call("new", "exp1", study, "-n", 2) == 2
     assert "not an empty folder" in capsys.readouterr().err
-    assert listing(study) == ["scenes.json", "study.toml"]
+    assert listing(study) == ["practice.json", "scenes.json", "study.toml"]
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])

@@ -3,17 +3,20 @@
 import re
 import shlex
 import shutil
+import urllib.request
 from pathlib import Path
 
 import pytest
 
 from pourcast import cli
+from tests.experiment.server_process import ServerProcess
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 COMMANDS = (
     "demo", "scenes", "new", "predict", "show", "import", "export", "sweep", "models", "bench",
-    "experiment simulate", "compare", "report", "reproduce", "recover", "power",
+    "experiment simulate", "experiment serve", "experiment status", "experiment data",
+    "experiment export", "compare", "report", "reproduce", "recover", "power",
 )  # fmt: skip
 
 LONG_LINES = (
@@ -28,6 +31,13 @@ def snippets(page):
     return re.findall(r"^```(\w+)\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL)
 
 
+def serve(arguments):
+    """Serve (on a port that is free), ask for the page that a link leads to, and end it."""
+    study, *options = arguments
+    with ServerProcess(study, *options) as server, urllib.request.urlopen(server.lab) as page:
+        assert b"<main" in page.read()
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
@@ -39,7 +49,9 @@ def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
         for line in text.splitlines() if language == "sh" else ():
             if line in LONG_LINES:
                 continue
-            if line.startswith("pourcast "):
+            if line.startswith("pourcast experiment serve") and "--check" not in line:
+                serve(shlex.split(line)[3:])
+            elif line.startswith("pourcast "):
                 assert cli.run(shlex.split(line)[1:]) == 0, (line, capsys.readouterr().err)
             else:
                 assert line.startswith("python3 -m venv"), f"{line!r} is run by no test"

@@ -11,6 +11,7 @@ import zipfile
 from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -24,6 +25,8 @@ from pourcast.experiment.server import create_app
 from pourcast.experiment.storage import Storage
 from tests.e2e.participant import Participant, lab_link, open_experiment, saved
 from tests.experiment.make import EXP1, EXP2, small_study
+
+ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no Chromium")
 
@@ -504,3 +507,61 @@ def test_jatos_gets_each_answer_as_it_comes(tmp_path, browser):
     assert answers == close_to(someone.answers)
     assert session.entry == "jatos"
     assert session.participant not in ("p7", "")
+
+
+AXE = ROOT / "src/pourcast/experiment/web/node_modules/axe-core/axe.min.js"
+
+
+@pytest.mark.skipif(not AXE.is_file(), reason="axe-core is there once the page has been built")
+def test_every_page_is_accessible_as_far_as_axe_can_tell(experiment, browser):
+    _, link = experiment
+    someone = Participant(browser, link, bypass_csp=True)
+    page = someone.page
+
+    def examine(where):
+        page.add_script_tag(path=AXE)
+        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+        assert [(one["id"], one["nodes"][0]["html"]) for one in found] == [], where
+
+    someone.see("Welcome")
+    examine("consent")
+    someone.press("I agree")
+    someone.see("What you will do")
+    examine("instructions")
+    someone.read()
+    someone.see("Is it all clear?")
+    examine("questions")
+    someone.quiz([1, 0, 1])
+    someone.trial()
+    examine("a trial")
+    someone.move(0.3)
+    examine("an answer")
+    someone.answers.append(0.3)
+    someone.submit()
+    page.wait_for_selector("video")
+    examine("film")
+    someone.go_on(stop_at=3)
+    someone.see("Time for a break")
+    examine("break")
+    someone.close()
+
+
+def test_files_that_stall_are_fetched_again_and_the_participant_is_told(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    refused = []
+
+    def refuse(route):
+        refused.append(route.request.url)
+        if len(refused) > 12:
+            route.continue_()
+        else:
+            route.abort()
+
+    someone.page.route("**/media/*", refuse)
+    someone.begin()
+    someone.page.get_by_text("Loading pictures").wait_for()
+    someone.go_on()
+    assert saved(opened) == close_to(someone.answers)
+    assert len(refused) > 12
+    someone.close()

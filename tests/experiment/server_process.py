@@ -27,7 +27,7 @@ class ServerProcess:
         self.port = free_port()
         self.command = [
             sys.executable, "-m", "pourcast", "experiment", "serve", str(study),
-            "--port", str(self.port), "--sessions-per-address", "1000", *options,
+            *options, "--sessions-per-address", "1000", "--port", str(self.port),
         ]  # fmt: skip
         self.start()
 

@@ -286,6 +286,20 @@ def test_admin_is_not_there_where_it_is_off(tmp_path):
     experiment.close()
 
 
+def test_who_began_before_the_design_was_changed_gets_what_was_planned(tmp_path):
+    study = small_study(tmp_path)
+    with api_of(study) as api:
+        told = api.begin().json()
+    (study / "experiment.toml").write_text('groups = [["honey"]]\npractice = 0\n')
+    with api_of(study) as api:
+        names = {step[what] for step in told["steps"] for what in ("still", "film") if what in step}
+        assert len(names) == 8
+        assert {api.client.get(f"/media/{name}").status_code for name in names} == {200}
+        assert api.run(told)["missing"] == []
+        other = api.begin("request-2").json()
+        assert {step["kind"] for step in other["steps"]}.isdisjoint({"film"})
+
+
 def test_a_server_that_starts_again_knows_everybody(tmp_path):
     study = small_study(tmp_path, design=EXP2)
     with api_of(study) as api:

@@ -113,7 +113,9 @@ def test_what_is_wrong_is_said_in_one_line(study, tmp_path):
         compare_study(two, Request())
     for name in "ab":
         (two / "responses" / f"{name}.csv").write_text("x\n")
-    with pytest.raises(InputError, match=r"more than one table \(a.csv, b.csv\)"):
+    with pytest.raises(
+        InputError, match=r"more than one source of responses \(responses.a.csv, responses.b.csv\)"
+    ):
         compare_study(two, Request())
     table = pd.read_csv(study / "responses" / "simulated.csv")
     few = tmp_path / "few.csv"

@@ -70,7 +70,7 @@ def test_work_that_is_interrupted_goes_on(ramp, tmp_path):
     assert len(read_manifest(tmp_path).stimuli) == 1
     told = []
     assert len(make_stimuli(tmp_path, wanted, lambda *words: told.append(words)).stimuli) == 2
-    assert told == [("making stimuli", 0, 1)]
+    assert told == [("making stimuli", 0, 1), ("making stimuli", 1, 1)]
 
 
 def test_a_damaged_list_is_told_of(ramp, tmp_path):

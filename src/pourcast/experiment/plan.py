@@ -2,7 +2,7 @@
 
 import hashlib
 import hmac
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -179,11 +179,21 @@ class Stock:
         film = self._hand_out(stimulus.film) if shown.film and stimulus.film else ""
         return still, film
 
-    def _hand_out(self, file: str) -> str:
-        path = self.study / FOLDER / file
+    def hand_out_of(self, plans: Iterable[Sequence[Step]]) -> None:
+        """Hand out what sessions were promised that began before the design was changed."""
+        promised = {name for plan in plans for step in plan for name in (step.still, step.film)}
+        for stimulus in self.manifest.stimuli:
+            for file in filter(None, (stimulus.still, stimulus.film)):
+                if self._name(file) in promised:
+                    self._hand_out(file)
+
+    def _name(self, file: str) -> str:
         digest = hmac.new(self._secret, file.encode(), hashlib.sha256).hexdigest()
-        name = digest[:32] + path.suffix
-        self.files[name] = path
+        return digest[:32] + Path(file).suffix
+
+    def _hand_out(self, file: str) -> str:
+        name = self._name(file)
+        self.files[name] = self.study / FOLDER / file
         return name
 
     def plan(self, group: int, place: int) -> list[Step]:

@@ -79,7 +79,9 @@ class Experiment:
         self.scenes, self.design = self.stock.scenes, self.stock.design
         self.texts = texts_of(study, self.design)
         self.journal = Journal.of_study(study)
-        self.journal.catch_up([*map(_opening, storage.sessions()), *storage.records()])
+        sessions = storage.sessions()
+        self.stock.hand_out_of(one.plan for one in sessions if one.state == OPEN)
+        self.journal.catch_up([*map(_opening, sessions), *storage.records()])
         self._visits = _Visits(sessions_per_address)
         self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")

@@ -4,8 +4,11 @@ They show the ground truth of the models themselves. For a study that is to be p
 independent solver's are better: the paper took care not to test its model on its own kind.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +45,9 @@ SOLVER, RENDERER = "sph", "preview"
 
 _PIXELS_PER_METRE = 600
 _DPI = 100
+_WORTH_PROCESSES = 3
+"""So many films pay for the start of other processes."""
+
 _TRUTH = {"water": "truth-water", "honey": "truth-honey"}
 
 
@@ -75,11 +81,13 @@ def make_stimuli(study: Path, wanted: Sequence[Wanted], report: Report | None = 
     manifest = read_manifest(study)
     there = {(one.scene, one.liquid): one for one in manifest.stimuli}
     missing = [one for one in wanted if not _is_there(study, there, one)]
-    for k, one in enumerate(missing):
+    if missing and report is not None:
+        report("making stimuli", 0, len(missing))
+    for k, stimulus in enumerate(_made(study, missing), start=1):
+        there[stimulus.scene, stimulus.liquid] = stimulus
         if report is not None:
             report("making stimuli", k, len(missing))
-        there[one.scene.digest, one.liquid] = _make(study, one)
-        if one.film or k == len(missing) - 1:
+        if stimulus.film or k == len(missing):
             # Others' stimuli are never taken for these: those who made the first are named.
             manifest = Manifest(
                 solver=manifest.solver or SOLVER,
@@ -88,6 +96,20 @@ def make_stimuli(study: Path, wanted: Sequence[Wanted], report: Report | None = 
             )
             write_manifest(study, manifest)
     return manifest
+
+
+def _made(study: Path, missing: Sequence[Wanted]) -> Iterator[Stimulus]:
+    """Make stimuli, in their order; films, of which each takes seconds, on all cores."""
+    make = partial(_make, study)
+    if sum(one.film for one in missing) < _WORTH_PROCESSES:
+        yield from map(make, missing)
+        return
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        try:
+            yield from pool.map(make, missing)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
 
 
 def _is_there(study: Path, there: dict[tuple[str, str], Stimulus], one: Wanted) -> bool:
