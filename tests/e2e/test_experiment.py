@@ -1,6 +1,7 @@
 """The experiment in a real browser: from consent to the end, and what is saved of it.
 
-Needs Chromium (Debian: `apt-get install chromium`), and is skipped without.
+Needs Chromium (Debian: `apt-get install chromium`), and is skipped without. What only few
+participants meet is among the slow tests, which CI runs, too.
 """
 
 import json
@@ -157,6 +158,7 @@ def test_the_slider_follows_the_mouse_and_a_finger(experiment, browser):
     someone.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "experiment",
     [("exp1", EXP1 + '[slider]\nstart = "fixed"\nstart_at = 0.3\nmouse = "drag"\nnumber = false\ntrajectory = true\n')],
@@ -205,6 +207,7 @@ def test_a_reload_goes_on_at_the_next_trial(experiment, browser):
     someone.close()
 
 
+@pytest.mark.slow
 def test_a_reload_during_a_film_shows_the_film_again_and_asks_nothing_twice(experiment, browser):
     opened, link = experiment
     someone = Participant(browser, link)
@@ -241,6 +244,7 @@ def test_two_tabs_are_recognised_and_one_takes_over(experiment, browser):
     someone.close()
 
 
+@pytest.mark.slow
 def test_the_next_participant_at_the_same_computer_begins_anew(experiment, browser):
     opened, link = experiment
     someone = Participant(browser, link)
@@ -252,6 +256,7 @@ def test_the_next_participant_at_the_same_computer_begins_anew(experiment, brows
     someone.close()
 
 
+@pytest.mark.slow
 def test_who_fails_the_questions_three_times_is_sent_away(experiment, browser):
     opened, link = experiment
     someone = Participant(browser, link)
@@ -292,6 +297,7 @@ def test_a_small_screen_is_told_of_and_can_be_made_larger(experiment, browser):
     someone.close()
 
 
+@pytest.mark.slow
 def test_prolifics_participants_get_the_code_and_the_way_back(tmp_path, browser):
     codes = '[recruiting]\ncomplete = "DONE1"\nredirect = "https://app.example.org/?cc={code}"\n'
     opened, app = open_experiment(small_study(tmp_path, scenes=2, design=EXP1 + codes))
@@ -311,6 +317,7 @@ def test_prolifics_participants_get_the_code_and_the_way_back(tmp_path, browser)
     opened.close()
 
 
+@pytest.mark.slow
 def test_no_text_is_set_before_its_words_are_escaped(tmp_path, browser):
     own = '[texts.consent]\nbody = "<img src=x onerror=alert(1)> & <b>bold</b>"\n'
     opened, app = open_experiment(small_study(tmp_path, design=EXP1 + own))
@@ -365,6 +372,7 @@ def test_simulated_observers_take_part_through_the_page(tmp_path, browser):
     opened.close()
 
 
+@pytest.mark.slow
 def test_observers_can_be_watched(tmp_path, browser):
     opened, _ = open_experiment(small_study(tmp_path, scenes=2))
     table = pd.DataFrame(
@@ -438,6 +446,7 @@ def test_a_static_page_offers_its_answers_as_a_file(tmp_path, browser):
     assert session.identifiers == {"PROLIFIC_PID": "p9"}
 
 
+@pytest.mark.slow
 def test_a_static_page_sends_its_answers_to_datapipe(tmp_path, browser):
     study = small_study(tmp_path / "s", scenes=2)
     export = ["experiment", "export", str(study), "--static", str(tmp_path / "web")]
@@ -546,6 +555,7 @@ def test_every_page_is_accessible_as_far_as_axe_can_tell(experiment, browser):
     someone.close()
 
 
+@pytest.mark.slow
 def test_files_that_stall_are_fetched_again_and_the_participant_is_told(experiment, browser):
     opened, link = experiment
     someone = Participant(browser, link)

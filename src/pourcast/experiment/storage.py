@@ -8,7 +8,8 @@ import hashlib
 import json
 import secrets
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -31,8 +32,7 @@ from pourcast.experiment.plan import Step
 DATABASE = "responses.sqlite"
 
 OPEN, COMPLETE, DROPPED = "open", "complete", "dropped"
-ENDS = ("complete", "declined", "screened_out", "failed_check")
-"""How a session can end by itself; `dropped` is what it is called when nobody comes back."""
+"""States of a session, beside `screened_out` and `failed_check`; dropped if nobody came back."""
 
 RECRUITED = ("lab", "prolific", "mturk")
 """Entries whose sessions are the study's; `preview` and `simulation` are not."""
@@ -58,7 +58,7 @@ class Session:
     group, place
         Which liquids, and which order.
     state
-        `open`, `dropped` or one of `ENDS`.
+        `open`, `complete`, `dropped`, `screened_out` or `failed_check`.
     tab
         Browser tab that has the session.
     code
@@ -160,13 +160,10 @@ class Storage:
     def __init__(self, url: str) -> None:
         self.engine = open_engine(url)
         self.url = self.engine.url
-        try:
-            with self.engine.begin() as connection:
-                TABLES.create_all(connection)
-                self.secret = bytes.fromhex(self._own(connection, "secret"))
-                self.admin_token = self._own(connection, "admin")
-        except sa.exc.SQLAlchemyError as error:
-            raise StoreError(f"{self.url.render_as_string()}: {reason(error)}") from None
+        with self._transaction() as connection:
+            TABLES.create_all(connection)
+            self.secret = bytes.fromhex(self._own(connection, "secret"))
+            self.admin_token = self._own(connection, "admin")
 
     @classmethod
     def of_study(cls, study: Path, url: str | None = None) -> "Storage":
@@ -176,6 +173,15 @@ class Storage:
     def close(self) -> None:
         """Close all connections."""
         self.engine.dispose()
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sa.Connection]:
+        """A transaction: all of it is done, or nothing, and then a `StoreError` says why."""
+        try:
+            with self.engine.begin() as connection:
+                yield connection
+        except sa.exc.SQLAlchemyError as error:
+            raise StoreError(f"{self.url.render_as_string()}: {reason(error)}") from None
 
     @staticmethod
     def _own(connection: sa.Connection, name: str) -> str:
@@ -226,7 +232,7 @@ class Storage:
         Refusal
             If there is no place, or they have taken part before.
         """
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             self._drop_stale(connection, largest_gap, now)
             there = self._known(connection, arrival)
             fresh = there is None
@@ -251,7 +257,6 @@ class Storage:
             sa.select(SESSIONS.c.id, SESSIONS.c.identifiers, SESSIONS.c.state).where(
                 SESSIONS.c.participant == arrival.participant,
                 SESSIONS.c.entry == arrival.entry,
-                SESSIONS.c.state != "declined",
             )
         ).all()
         for number, identifiers, state in rows:
@@ -298,7 +303,7 @@ class Storage:
         now: float,
     ) -> Session:
         """A session that was run elsewhere, in its group and place; the same request, the same."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             there = self._session(connection, SESSIONS.c.request == arrival.request)
             if there is not None:
                 return there
@@ -351,7 +356,7 @@ class Storage:
 
     def session_of(self, token: str) -> Session | None:
         """Session that a token belongs to, if any."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             number = connection.scalar(
                 sa.select(TOKENS.c.session).where(TOKENS.c.digest == _digest(token))
             )
@@ -359,14 +364,14 @@ class Storage:
 
     def claim(self, session: int, tab: str, now: float) -> None:
         """Give a session to a browser tab; any other is told so."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             connection.execute(
                 SESSIONS.update().where(SESSIONS.c.id == session).values(tab=tab, last_seen=now)
             )
 
     def end(self, session: int, state: str) -> None:
         """Say how a session ended. One that is complete stays so."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             connection.execute(
                 SESSIONS.update()
                 .where(SESSIONS.c.id == session, SESSIONS.c.state != COMPLETE)
@@ -375,7 +380,7 @@ class Storage:
 
     def drop_stale(self, largest_gap: float, now: float) -> None:
         """Call sessions dropped whose participants have not been heard of for too long."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             self._drop_stale(connection, largest_gap, now)
 
     # Records -------------------------------------------------------------------------
@@ -388,11 +393,8 @@ class Storage:
         StoreError
             If nothing of it could be saved.
         """
-        try:
-            with self.engine.begin() as connection:
-                return self._save(connection, records)
-        except sa.exc.SQLAlchemyError as error:
-            raise StoreError(f"{self.url.render_as_string()}: {reason(error)}") from None
+        with self._transaction() as connection:
+            return self._save(connection, records)
 
     def _save(self, connection: sa.Connection, records: Sequence[Record]) -> list[Saved]:
         numbers = {record.session for record in records}
@@ -449,7 +451,7 @@ class Storage:
 
     def done(self, session: int) -> list[int]:
         """Numbers of the steps of a session that there are records of."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             return list(
                 connection.scalars(
                     sa.select(RECORDS.c.seq)
@@ -462,13 +464,13 @@ class Storage:
 
     def sessions(self) -> list[Session]:
         """All sessions, in the order in which they began."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             rows = connection.execute(sa.select(SESSIONS).order_by(SESSIONS.c.id)).mappings()
             return [_session_of(row) for row in rows]
 
     def records(self) -> list[Record]:
         """All records, by session and step."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             rows = connection.execute(
                 sa.select(RECORDS).order_by(RECORDS.c.session, RECORDS.c.seq)
             ).mappings()
@@ -476,7 +478,7 @@ class Storage:
 
     def kept_aside(self) -> list[Record]:
         """Records that came under a key that another one had, by session and step."""
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             rows = connection.execute(
                 sa.select(ASIDE, RECORDS.c.kind)
                 .join(
@@ -497,7 +499,7 @@ class Storage:
         """
         numbers = list(sessions)
         deleted = {}
-        with self.engine.begin() as connection:
+        with self._transaction() as connection:
             for table, column in (
                 (RECORDS, RECORDS.c.session),
                 (ASIDE, ASIDE.c.session),

@@ -85,8 +85,6 @@ def make_stimuli(study: Path, wanted: Sequence[Wanted], report: Report | None = 
         report("making stimuli", 0, len(missing))
     for k, stimulus in enumerate(_made(study, missing), start=1):
         there[stimulus.scene, stimulus.liquid] = stimulus
-        if report is not None:
-            report("making stimuli", k, len(missing))
         if stimulus.film or k == len(missing):
             # Others' stimuli are never taken for these: those who made the first are named.
             manifest = Manifest(
@@ -95,6 +93,8 @@ def make_stimuli(study: Path, wanted: Sequence[Wanted], report: Report | None = 
                 stimuli=tuple(there.values()),
             )
             write_manifest(study, manifest)
+        if report is not None:
+            report("making stimuli", k, len(missing))
     return manifest
 
 

@@ -242,8 +242,15 @@ class Study {
   }
 }
 
+/** Parameters of links, as `experiment/links.py` and recruiting platforms know them. */
+const PARAMETERS = [
+  "lab", "preview", "simulation", "observer", "mode", "participant",
+  "PROLIFIC_PID", "STUDY_ID", "SESSION_ID", "workerId", "assignmentId", "hitId",
+];
+
 async function main(): Promise<void> {
-  const link = Object.fromEntries(new URLSearchParams(location.search));
+  const given = [...new URLSearchParams(location.search)];
+  const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.includes(name)));
   await new Study(await Outbox.open(), link).run();
 }
 
