@@ -118,7 +118,7 @@ class Sturdy(threading.Thread):
 
 
 class CuttingProxy:
-    """Between participants and server: cuts a share of the connections half-way, either way."""
+    """Between participants and server: cuts a share of the posts half-way, or their answers."""
 
     def __init__(self, port, share, seed=0):
         self.target, self.share = port, share
@@ -158,24 +158,25 @@ class CuttingProxy:
         except OSError:
             writer.close()
             return
+        posts = asyncio.Event()  # whether this connection's last request was a post
         try:
             await asyncio.gather(
-                self._pass(reader, there[1], "request", writer),
-                self._pass(there[0], writer, "answer", there[1]),
+                self._pass(reader, there[1], "request", posts),
+                self._pass(there[0], writer, "answer", posts),
             )
         finally:
             writer.close()
             there[1].close()
 
-    async def _pass(self, reader, writer, what, other):
+    async def _pass(self, reader, writer, what, posts):
         try:
             while chunk := await reader.read(65536):
-                posts = what == "answer" or chunk.startswith(b"PUT")
-                if posts and self.random.random() < self.share:
+                if what == "request":
+                    (posts.set if chunk.startswith((b"PUT", b"POST")) else posts.clear)()
+                if posts.is_set() and self.random.random() < self.share:
                     self.cuts[what] += 1
                     writer.write(chunk[: len(chunk) // 2])
                     await writer.drain()
-                    other.transport.abort()
                     break
                 writer.write(chunk)
                 await writer.drain()
