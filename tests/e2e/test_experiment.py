@@ -232,7 +232,11 @@ def test_two_tabs_are_recognised_and_one_takes_over(experiment, browser):
     second = someone.open()
     someone.page = second
     someone.see("The study is open in another window")
-    assert first.get_by_text("You went on").count() == 0
+    # A tab that is only opened, and left, takes nothing away.
+    someone.page = first
+    someone.see("This is what happens")
+    someone.go_on(stop_at=2)
+    someone.page = second
     someone.press("Go on here")
     first.get_by_text("You went on in another window").wait_for()
     someone.see("Welcome back")
@@ -253,6 +257,26 @@ def test_the_next_participant_at_the_same_computer_begins_anew(experiment, brows
     someone.page.goto(link)
     someone.see("Welcome")
     assert len(opened.storage.sessions()) == 2
+    someone.close()
+
+
+@pytest.mark.slow
+def test_at_an_abandoned_computer_somebody_else_begins_anew(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, link)
+    someone.begin()
+    someone.judge(0.5)
+    someone.page.reload()
+    someone.see("Welcome back")
+    someone.press("I am somebody else")
+    someone.see("Welcome")
+    someone.answers.clear()
+    someone.begin()
+    someone.go_on()
+    first, second = opened.storage.sessions()
+    assert (first.state, second.state) == ("open", "complete")
+    assert saved(opened, first.number) == close_to([0.5])
+    assert saved(opened, second.number) == close_to(someone.answers)
     someone.close()
 
 

@@ -65,6 +65,16 @@ def test_a_reload_goes_on_and_takes_the_session_from_the_other_tab(api):
     assert not api.put(told, 2, answer("instructions"), tab="tab-00000002").json()["superseded"]
 
 
+def test_looking_takes_the_session_from_nobody_and_beginning_again_does(api):
+    told = api.begin().json()
+    assert api.post(told, "resume").json()["done"] == []
+    assert not api.put(told, 0, answer("consent")).json()["superseded"]
+    again = api.begin(tab="tab-00000002").json()
+    assert again["done"] == [0]
+    assert api.put(told, 1, answer("check")).json()["superseded"]
+    assert not api.put(again, 2, answer("instructions"), tab="tab-00000002").json()["superseded"]
+
+
 def test_who_was_away_for_too_long_cannot_go_on_but_loses_nothing(api):
     told = api.begin().json()
     api.clock.now += 7201.0

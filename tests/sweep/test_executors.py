@@ -105,6 +105,7 @@ def killed_at_random(study, grid, victim, rng):
     return bool(pids) and len(store.paths()) >= before
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="finds workers in /proc")
 def test_killed_at_ten_random_moments_the_table_is_the_same(tmp_path, reference):
     rng = random.Random(4)

@@ -66,7 +66,7 @@ class _Begin(_Asked):
 
 
 class _Resume(_Asked):
-    tab: _Tab
+    tab: _Tab | None = None
 
 
 class _Post(_Asked):
@@ -195,7 +195,7 @@ class _Api:
         return JSONResponse(answer | {"token": token}, 201)
 
     async def resume(self, request: Request) -> Response:
-        """Give a session to a tab, and say what is saved of it."""
+        """Say what is saved of a session, and give it to the tab that asks for it."""
         asked = await _parsed(request, _Resume)
         session = await self.experiment.resume(_token(request), asked.tab)
         return JSONResponse(await self._told(session))

@@ -128,8 +128,8 @@ class Experiment:
                 self._sessions.popitem(last=False)
         return self._sessions[token]
 
-    async def resume(self, token: str, tab: str) -> Session:
-        """Give a session to a tab.
+    async def resume(self, token: str, tab: str | None) -> Session:
+        """Look a session up, and give it to a tab if there is one.
 
         Raises
         ------
@@ -141,7 +141,7 @@ class Experiment:
             now = self.clock()
             self.storage.drop_stale(self.design.largest_gap, now)
             session = self.storage.session_of(token)
-            if session is not None and session.state == OPEN:
+            if tab is not None and session is not None and session.state == OPEN:
                 self.storage.claim(session.number, tab, now)
             return session
 

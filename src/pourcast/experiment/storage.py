@@ -238,6 +238,7 @@ class Storage:
             fresh = there is None
             if there is None:
                 there = self._new(connection, arrival, plan, groups, places, now)
+            self._claim(connection, there, arrival.tab, now)
             token = secrets.token_urlsafe(32)
             connection.execute(TOKENS.insert().values(digest=_digest(token), session=there))
             session = self._session(connection, SESSIONS.c.id == there)
@@ -365,9 +366,13 @@ class Storage:
     def claim(self, session: int, tab: str, now: float) -> None:
         """Give a session to a browser tab; any other is told so."""
         with self._transaction() as connection:
-            connection.execute(
-                SESSIONS.update().where(SESSIONS.c.id == session).values(tab=tab, last_seen=now)
-            )
+            self._claim(connection, session, tab, now)
+
+    @staticmethod
+    def _claim(connection: sa.Connection, session: int, tab: str, now: float) -> None:
+        connection.execute(
+            SESSIONS.update().where(SESSIONS.c.id == session).values(tab=tab, last_seen=now)
+        )
 
     def end(self, session: int, state: str) -> None:
         """Say how a session ended. One that is complete stays so."""

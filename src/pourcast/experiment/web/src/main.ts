@@ -92,7 +92,7 @@ class Study {
     this.sender.start();
     const elsewhere = await this.tabs.elsewhere();
     let session: Session;
-    let resumed: boolean;
+    let resumed: boolean; // whether there was a session before this page
     try {
       [session, resumed] = await this.session();
     } catch (error) {
@@ -102,6 +102,13 @@ class Study {
     document.title = session.texts["page"].title;
     if (session.state !== "open") return this.farewell(session, session.state as End, session);
     if (elsewhere) await this.ask(session, "tabs");
+    if (elsewhere || resumed) {
+      try {
+        session = await this.known(session.token, this.tab);
+      } catch (error) {
+        return show(`<p>${escaped(error instanceof Refused ? error.text : words.broken)}</p>`);
+      }
+    }
     this.tabs.onTaken = () => this.moveAway(session);
     this.tabs.take();
     this.sender.onSuperseded = (token) => {
@@ -110,16 +117,14 @@ class Study {
     await this.play(session, resumed);
   }
 
-  /** The session, and whether it goes on. */
+  /** The session, and whether it goes on; no other tab is told yet. */
   private async session(): Promise<[Session, boolean]> {
     const known = this.memory.read();
     if (known.token) {
       try {
-        const session = await patiently(() => this.transport.resume(known.token as string, this.tab));
-        const own = this.outbox.of(session.token).map((entry) => entry.seq);
-        session.done = [...new Set([...session.done, ...own])];
+        const session = await this.known(known.token);
         const over = session.state === "complete" && session.entry === "lab";
-        if (!over) return [session, session.done.length > 0];
+        if (!over) return [session, true];
       } catch (error) {
         if (!(error instanceof Refused) || error.reason !== "gone") throw error;
       }
@@ -130,6 +135,14 @@ class Study {
     const session = await patiently(() => this.transport.begin(request, this.tab));
     this.memory.write({ request, token: session.token });
     return [session, session.done.length > 0];
+  }
+
+  /** A session that is known; what waits to be sent counts as done. With a tab, it is that tab's. */
+  private async known(token: string, tab?: string): Promise<Session> {
+    const session = await patiently(() => this.transport.resume(token, tab));
+    const own = this.outbox.of(token).map((entry) => entry.seq);
+    session.done = [...new Set([...session.done, ...own])];
+    return session;
   }
 
   private ask(session: Session, name: string): Promise<void> {
@@ -143,6 +156,10 @@ class Study {
   private moveAway(session: Session): void {
     if (this.ended) return;
     this.stop("moved");
+    this.sayMoved(session);
+  }
+
+  private sayMoved(session: Session): void {
     show(`<p>${escaped(session.texts["tabs"].moved)}</p>`);
   }
 
@@ -167,17 +184,18 @@ class Study {
         this.sender.start();
       },
       stop: (end) => this.stop(end),
-    }).build(resumed);
+      beginAnew: () => {
+        // What the one before has not sent yet stays in the outbox, and is sent.
+        this.memory.write({});
+        location.reload();
+      },
+    }).build(resumed && session.done.length > 0);
     if (session.simulated) {
       const mode = this.link["mode"] === "visual" ? "visual" : "data-only";
       await jsPsych.simulate(timeline, mode, {});
     } else await jsPsych.run(timeline);
-    if (this.ended === "moved") return this.afterMove(session);
+    if (this.ended === "moved") return this.sayMoved(session);
     await this.finish(session, this.ended ?? "complete");
-  }
-
-  private afterMove(session: Session): void {
-    show(`<p>${escaped(session.texts["tabs"].moved)}</p>`);
   }
 
   /** The last page waits for the network, and only it. */

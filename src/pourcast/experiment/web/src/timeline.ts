@@ -26,6 +26,8 @@ export interface Surroundings {
   keep: (seq: number, body: Body) => Promise<void>;
   /** Ends the study before its end. */
   stop: (end: End) => void;
+  /** Forgets the session, for somebody else at the same computer. */
+  beginAnew: () => void;
 }
 
 export class Timeline {
@@ -120,7 +122,15 @@ export class Timeline {
     const trials = session.steps.filter((step) => step.kind === "judgment");
     const done = trials.filter((step) => session.done.includes(step.seq)).length;
     const text = fill(this.texts.resume.body, { done, count: trials.length });
-    return this.page(pageOf(this.texts.resume.title, text), [this.texts.resume.button]);
+    const { title, anew, button } = this.texts.resume;
+    const shared = session.entry === "lab" || session.entry === "preview";
+    const page = this.page(pageOf(title, text), shared ? [anew, button] : [button]);
+    const finish = page.on_finish;
+    page.on_finish = (data: any) => {
+      finish(data);
+      if (shared && data.response === 0) this.around.beginAnew();
+    };
+    return page;
   }
 
   private fullscreen(): Node {

@@ -11,7 +11,7 @@ export class ServerTransport implements Transport {
     return this.ask("POST", "api/sessions", { request, tab, link: this.link });
   }
 
-  async resume(token: string, tab: string): Promise<Session> {
+  async resume(token: string, tab?: string): Promise<Session> {
     return { ...(await this.ask<Session>("POST", "api/session/resume", { tab }, token)), token };
   }
 

@@ -18,7 +18,8 @@ export type Ended = { missing: number[] } & Partial<Farewell>;
 
 export interface Transport {
   begin(request: string, tab: string): Promise<Session>;
-  resume(token: string, tab: string): Promise<Session>;
+  /** With a tab, the session is that tab's from now on. */
+  resume(token: string, tab?: string): Promise<Session>;
   /** Resolves when the record is on the server's disk. */
   save(token: string, seq: number, body: Body, tab: string): Promise<{ superseded: boolean }>;
   /** Ends the session, or names the steps that are missing; `entries` are all its records. */
