@@ -144,9 +144,13 @@ def status(
 
     Example: pourcast experiment status my-study
     """
+    import time
+
     with _storage(study, database) as storage:
+        from pourcast.experiment.design import read_design
         from pourcast.experiment.overview import overview
 
+        storage.drop_stale(read_design(study).largest_gap, time.time())
         seen = overview(storage)
     if as_json:
         print_json(

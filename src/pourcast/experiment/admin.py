@@ -74,6 +74,7 @@ class _Admin:
 
     def _html(self) -> str:
         experiment = self.experiment
+        experiment.storage.drop_stale(experiment.design.largest_gap, experiment.clock())
         seen = overview(experiment.storage)
         table = participants_table(experiment.storage)
         return self._template.render(

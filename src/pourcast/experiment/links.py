@@ -11,6 +11,9 @@ Entry = Literal["lab", "prolific", "mturk", "preview", "simulation"]
 PROLIFIC = ("PROLIFIC_PID", "STUDY_ID", "SESSION_ID")
 MTURK = ("workerId", "assignmentId", "hitId")
 
+PERSONAL = ("participant", PROLIFIC[0], MTURK[0])
+"""Identifiers that tell one person from all others; those of studies and sessions don't."""
+
 _KEYED: tuple[Entry, ...] = ("lab", "preview", "simulation")
 
 

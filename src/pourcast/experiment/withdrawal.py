@@ -6,7 +6,8 @@ import pandas as pd
 
 from pourcast.errors import InputError
 from pourcast.experiment.journal import Journal
-from pourcast.experiment.storage import Storage
+from pourcast.experiment.links import PERSONAL
+from pourcast.experiment.storage import Session, Storage
 from pourcast.judgments import write_table
 
 
@@ -32,24 +33,26 @@ def withdraw(study: Path, storage: Storage, journal: Journal, who: str) -> list[
     InputError
         If there is no such participant.
     """
-    found = [
-        one
-        for one in storage.sessions()
-        if who in (one.participant, one.code, *one.identifiers.values())
-    ]
+    found = [one for one in storage.sessions() if who in _names(one)]
     if not found:
         raise InputError(f"withdraw: there is no participant {who!r}")
     numbers = {one.number for one in found}
     codes = {one.participant for one in found}
+    # The database last: it tells who they are, should this be interrupted and begun again.
     lines = journal.remove(lambda line: line["session"] in numbers)
-    deleted = storage.delete(numbers)
-    said = [f"database: {count} rows of {table}" for table, count in deleted.items()]
-    said.append(f"{journal.path.name}: {lines} lines")
+    said = [f"{journal.path.name}: {lines} lines"]
     for path in sorted((study / "responses").glob("*")):
         removed = _remove_from_table(path, codes)
         if removed:
             said.append(f"{path.relative_to(study)}: {removed} rows")
-    return said
+    deleted = storage.delete(numbers)
+    return said + [f"database: {count} rows of {table}" for table, count in deleted.items()]
+
+
+def _names(session: Session) -> set[str]:
+    """What one person alone is called by; a study's id would take everybody out."""
+    ids = {value for name, value in session.identifiers.items() if name in PERSONAL}
+    return {session.participant, session.code, *ids}
 
 
 def _remove_from_table(path: Path, codes: set[str]) -> int:
