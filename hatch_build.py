@@ -47,7 +47,9 @@ def _build() -> str:
     npm = shutil.which("npm")
     if npm is None:
         return "npm was not found; install Node.js 20 or newer, and install pourcast again"
-    for command in (["ci", "--no-audit", "--no-fund"], ["run", "build"]):
+    # Where the registry can't be reached, the installation shall not hang for long.
+    quick = ["--fetch-retries=1", "--fetch-timeout=60000"]
+    for command in (["ci", "--no-audit", "--no-fund", *quick], ["run", "build"]):
         done = subprocess.run([npm, *command], check=False, cwd=WEB, capture_output=True, text=True)
         if done.returncode:
             return f"npm {' '.join(command)}: {done.stdout[-1000:]}{done.stderr[-1000:]}"

@@ -92,8 +92,10 @@ def _append(path: Path, lines: bytes) -> None:
     handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     try:
         size = os.fstat(handle).st_size
-        if size and os.pread(handle, 1, size - 1) != b"\n":
-            lines = b"\n" + lines  # what a crash cut short stays a line of its own
+        if size:
+            os.lseek(handle, -1, os.SEEK_END)
+            if os.read(handle, 1) != b"\n":
+                lines = b"\n" + lines  # what a crash cut short stays a line of its own
         try:
             if os.write(handle, lines) < len(lines):
                 raise OSError("disk full")

@@ -1,7 +1,4 @@
-"""What a record of each kind of step may say: checked when it comes, described when it goes out.
-
-Times are in seconds, since the step was shown.
-"""
+"""What a record of each kind of step may say. Times are in seconds, since the step was shown."""
 
 import json
 from typing import Annotated, Any, Literal
@@ -19,35 +16,27 @@ _Word = Annotated[str, Field(max_length=200)]
 
 
 class _Body(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=False)
+    """What a record of any step says; `data.TRIAL_COLUMNS` tells what the fields mean."""
 
-    rt: _Seconds = Field(description="Time until the step was done [s]")
-    window_width: _Pixels = Field(default=0.0, description="Width of the window [points]")
-    window_height: _Pixels = Field(default=0.0, description="Height of the window [points]")
-    focus_losses: _Count = Field(
-        default=0, description="How often the page lost the focus or was hidden"
-    )
-    dropped_frames: _Count = Field(
-        default=0, description="Pictures that the screen did not show in time"
-    )
+    model_config = ConfigDict(extra="forbid")
+
+    rt: _Seconds
+    window_width: _Pixels = 0.0
+    window_height: _Pixels = 0.0
+    focus_losses: _Count = 0
+    dropped_frames: _Count = 0
 
 
 class Judgment(_Body):
-    """An answer by the slider."""
+    """An answer by the slider. `stimulus` is the name of the picture."""
 
-    stimulus: _Word = Field(description="Name of the picture that was shown")
-    response: _Share = Field(
-        description="Share in the right basin or in the cup of the scene as it was shown"
-    )
-    start: _Share | None = Field(description="Where the handle stood at first; none without one")
-    first_move: _Seconds | None = Field(description="Time of the first movement [s]")
-    moves: _Count = Field(description="Number of the handle's movements")
-    input: Literal["mouse", "touch", "keyboard", "none"] = Field(
-        description="What moved the handle last"
-    )
-    trajectory: list[tuple[_Seconds, _Share]] | None = Field(
-        default=None, max_length=2000, description="Times [s] and places of the handle"
-    )
+    stimulus: _Word
+    response: _Share
+    start: _Share | None
+    first_move: _Seconds | None
+    moves: _Count
+    input: Literal["mouse", "touch", "keyboard", "none"]
+    trajectory: list[tuple[_Seconds, _Share]] | None = Field(default=None, max_length=2000)
 
 
 class Film(_Body):
