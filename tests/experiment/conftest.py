@@ -29,7 +29,7 @@ def postgresql():
     if not HAS_POSTGRESQL:
         pytest.skip("there is no PostgreSQL")
     # Short, as the path of a socket has to be.
-    folder = Path(tempfile.mkdtemp(prefix="pc-pg-", dir="/tmp"))
+    folder = Path(tempfile.mkdtemp(prefix="pc-pg-"))
     folder.chmod(0o755)
     subprocess.run([SCRIPT, "start", folder], check=True)
     yield f"postgresql://tester@/postgres?host={folder}"
