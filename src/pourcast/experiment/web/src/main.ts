@@ -102,15 +102,16 @@ class Study {
     document.title = session.texts["page"].title;
     if (session.state !== "open") return this.farewell(session, session.state as End, session);
     if (elsewhere) await this.ask(session, "tabs");
+    this.tabs.onTaken = () => this.moveAway(session);
+    this.tabs.take();
     if (elsewhere || resumed) {
+      // Only now, as the other tab may have answered until it was told.
       try {
         session = await this.known(session.token, this.tab);
       } catch (error) {
         return show(`<p>${escaped(error instanceof Refused ? error.text : words.broken)}</p>`);
       }
     }
-    this.tabs.onTaken = () => this.moveAway(session);
-    this.tabs.take();
     this.sender.onSuperseded = (token) => {
       if (token === session.token) this.moveAway(session);
     };
@@ -140,6 +141,7 @@ class Study {
   /** A session that is known; what waits to be sent counts as done. With a tab, it is that tab's. */
   private async known(token: string, tab?: string): Promise<Session> {
     const session = await patiently(() => this.transport.resume(token, tab));
+    await this.outbox.refresh();
     const own = this.outbox.of(token).map((entry) => entry.seq);
     session.done = [...new Set([...session.done, ...own])];
     return session;

@@ -28,12 +28,20 @@ export class Outbox {
           fresh.createObjectStore(STORE, { keyPath: ["session", "seq"] });
         },
       });
-      const all = (await database.getAll(STORE)) as Entry[];
       const outbox = new Outbox(database);
-      for (const entry of all) outbox.memory.set(keyOf(entry.session, entry.seq), entry);
+      await outbox.refresh();
       return outbox;
     } catch {
       return new Outbox(null);
+    }
+  }
+
+  /** Takes in what other tabs have kept since. */
+  async refresh(): Promise<void> {
+    const all = ((await this.database?.getAll(STORE)) ?? []) as Entry[];
+    for (const entry of all) {
+      const key = keyOf(entry.session, entry.seq);
+      if (!this.memory.has(key)) this.memory.set(key, entry);
     }
   }
 
