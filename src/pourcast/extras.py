@@ -1,9 +1,29 @@
 """Packages that only some work needs."""
 
 import importlib
+import importlib.util
 from typing import Any
 
 from pourcast.errors import InputError
+
+EXTRAS = {
+    "bayes": ("numpyro", "arviz"),
+    "experiment": ("sqlalchemy", "psutil", "starlette", "uvicorn"),
+}
+"""Modules of the extras that are needed as a whole."""
+
+
+def require_extra(extra: str) -> None:
+    """Refuse to go on without an extra; nothing is imported yet.
+
+    Raises
+    ------
+    InputError
+        If a module of it is not installed.
+    """
+    for name in EXTRAS[extra]:
+        if importlib.util.find_spec(name) is None:
+            raise _missing(name, extra)
 
 
 def optional_module(name: str, extra: str) -> Any:
@@ -24,8 +44,11 @@ def optional_module(name: str, extra: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError:
-        package = name.partition(".")[0]
-        raise InputError(
-            f"this needs {package}; install pourcast's extra: pip install '.[{extra}]' in a clone, "
-            f"or 'pourcast[{extra}]'"
-        ) from None
+        raise _missing(name.partition(".")[0], extra) from None
+
+
+def _missing(package: str, extra: str) -> InputError:
+    return InputError(
+        f"this needs {package}; install pourcast's extra: pip install '.[{extra}]' in a clone, "
+        f"or 'pourcast[{extra}]'"
+    )

@@ -18,6 +18,9 @@ from pourcast.scene import Scene, read_scenes, write_scenes
 
 EXPERIMENTS = ("exp1", "exp2")
 
+DATABASE = "responses.sqlite"
+"""The responses of the study's experiment, unless a PostgreSQL server has them."""
+
 DEFAULT_SCENES = {"exp1": 120, "exp2": 60}
 """The paper's set sizes."""
 

@@ -198,6 +198,14 @@ def test_a_file_of_a_session_that_no_server_saw_makes_one(tmp_path, capsys):
         ('{"session": "TOKEN", "seq": 99, "body": {}}', "line 2: seq: expected below"),
         ('{"session": "TOKEN", "seq": 3, "body": {"rt": 1}}', "line 2: stimulus: Field required"),
         ('{"format": "other", "session": "TOKEN"}', "line 2: format: expected pourcast-records"),
+        (
+            '{"format": "pourcast-records", "session": "0123456789", "group": 9, "place": 0}',
+            "line 2: group: this study has no group 9",
+        ),
+        (
+            '{"format": "pourcast-records", "session": "0123456789", "group": 0, "place": 0}\nno',
+            "line 3: not JSON",
+        ),
     ],
 )
 def test_a_file_that_is_wrong_is_told_of_by_line_and_nothing_is_taken(
@@ -213,7 +221,7 @@ def test_a_file_that_is_wrong_is_told_of_by_line_and_nothing_is_taken(
     assert f"{path}: {message}" in said
     assert said.count("\n") == 1
     call("data", study, "-o", tmp_path / "out")
-    assert "0 judgments" in capsys.readouterr().out
+    assert "1 participants, 0 judgments" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1"])

@@ -53,6 +53,15 @@ def test_what_is_there_is_not_made_again_and_what_is_damaged_is(ramp, tmp_path):
     assert is_whole(tmp_path, first.stimuli[0])
 
 
+def test_what_two_groups_see_is_made_once(ramp, tmp_path):
+    told = []
+    wanted = [Wanted(ramp, "water"), Wanted(ramp, "water", film=True), Wanted(ramp, "water")]
+    manifest = make_stimuli(tmp_path, wanted, lambda *words: told.append(words))
+    assert len(manifest.stimuli) == 1
+    assert manifest.stimuli[0].film
+    assert told[-1] == ("making stimuli", 1, 1)
+
+
 def test_the_same_scene_makes_the_same_bytes(ramp, tmp_path):
     wanted = [Wanted(ramp, "water", film=True)]
     assert make_stimuli(tmp_path / "a", wanted) == make_stimuli(tmp_path / "b", wanted)

@@ -13,7 +13,7 @@ from pourcast.analysis.judged import Judged, judge_in_study, read_judged
 from pourcast.analysis.people import study_responses
 from pourcast.compare.reliability import FEWEST_PARTICIPANTS
 from pourcast.errors import InputError
-from pourcast.extras import optional_module
+from pourcast.extras import require_extra
 from pourcast.model import presets
 from pourcast.progress import Report
 from pourcast.responses import Exclusion, arrange, exclude, remarks
@@ -153,8 +153,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
     """
     scenes = study_scenes(study)
     if request.bayes:
-        for module in ("numpyro", "arviz"):
-            optional_module(module, "bayes")
+        require_extra("bayes")
     table, path = study_responses(study, request.responses, scenes, percent=request.percent)
     settings = request.settings
     table, exclusions = exclude(table, request.exclude)

@@ -6,14 +6,13 @@ from pathlib import Path
 import pandas as pd
 
 from pourcast.errors import InputError
-from pourcast.extras import optional_module
+from pourcast.extras import require_extra
 from pourcast.responses import TEST, check_responses, read_responses
 from pourcast.scene import Scene
+from pourcast.study import DATABASE
 
 RESPONSES = "responses"
 """Folder of a study's tables of responses."""
-
-DATABASE = "responses.sqlite"
 
 
 def study_responses(
@@ -72,8 +71,7 @@ def find_responses(study: Path) -> Path:
 
 def _collected(database: Path) -> pd.DataFrame:
     """Test trials in an experiment's database; of simulated observers only if they are alone."""
-    optional_module("sqlalchemy", "experiment")
-    optional_module("psutil", "experiment")
+    require_extra("experiment")
     from pourcast.experiment.data import trials_table  # noqa: PLC0415 - needs the extra
     from pourcast.experiment.storage import Storage  # noqa: PLC0415
 

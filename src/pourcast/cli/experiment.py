@@ -36,12 +36,11 @@ DatabaseOption = Annotated[
 @contextmanager
 def _storage(study: Path, database: str | None, *, must_exist: bool = True) -> "Iterator[Storage]":
     """A study's database, closed at the end."""
-    from pourcast.extras import optional_module
+    from pourcast.extras import require_extra
+    from pourcast.study import DATABASE, study_scenes
 
-    optional_module("sqlalchemy", "experiment")
-    optional_module("psutil", "experiment")
-    from pourcast.experiment.storage import DATABASE, Storage
-    from pourcast.study import study_scenes
+    require_extra("experiment")
+    from pourcast.experiment.storage import Storage
 
     study_scenes(study)
     if must_exist and database is None and not (study / DATABASE).is_file():
@@ -86,11 +85,11 @@ def serve(
 
     Example: pourcast experiment serve my-study --port 8000
     """
-    from pourcast.extras import optional_module
+    from pourcast.extras import require_extra
 
-    optional_module("starlette", "experiment")
-    optional_module("uvicorn", "experiment")
+    require_extra("experiment")
     from pourcast.experiment.admin import admin_routes
+    from pourcast.experiment.design import NAME
     from pourcast.experiment.links import links
     from pourcast.experiment.serve import Address, lock_study
     from pourcast.experiment.serve import serve as serve_app
@@ -98,42 +97,38 @@ def serve(
     from pourcast.experiment.service import Experiment
 
     address = Address(host, port, public_url, behind_proxy)
-    with (
-        _storage(study, database, must_exist=False) as storage,
-        lock_study(study),
-        progress_bar() as report,
-    ):
-        experiment = Experiment(study, storage, report, sessions_per_address=sessions_per_address)
-    with_admin = not address.is_public if admin is None else admin
-    app = create_app(experiment, extra=admin_routes(experiment) if with_admin else ())
-    design = experiment.design
-    groups = " | ".join("+".join(group) for group in design.groups)
-    typer.echo(
-        f"{study}: {len(experiment.scenes)} scenes, {design.practice} practice trials, "
-        f"groups: {groups}\ndesign: {study / 'experiment.toml'}"
-    )
-    typer.echo(f"responses: {storage.url.render_as_string()}")
-    if check:
-        experiment.close()
-        return
+    with _storage(study, database, must_exist=False) as storage, lock_study(study):
+        with progress_bar() as report:
+            experiment = Experiment(
+                study, storage, report, sessions_per_address=sessions_per_address
+            )
+        with_admin = not address.is_public if admin is None else admin
+        app = create_app(experiment, extra=admin_routes(experiment) if with_admin else ())
+        groups = " | ".join("+".join(group) for group in experiment.design.groups)
+        typer.echo(
+            f"{study}: {len(experiment.scenes)} scenes, {experiment.design.practice} practice "
+            f"trials, groups: {groups}\ndesign: {study / NAME}\n"
+            f"responses: {storage.url.render_as_string()}"
+        )
 
-    def ready(base: str) -> None:
-        given = links(base, storage.secret)
-        if with_admin:
-            given["admin"] = f"{base}/admin?token={storage.admin_token}"
-        for name, link in given.items():
-            typer.echo(f"{name:9}{link}")
-        typer.echo("Ctrl-C ends it.")
+        def ready(base: str) -> None:
+            given = links(base, storage.secret)
+            if with_admin:
+                given["admin"] = f"{base}/admin?token={storage.admin_token}"
+            for name, link in given.items():
+                typer.echo(f"{name:9}{link}")
+            typer.echo("Ctrl-C ends it.")
 
-    try:
-        with lock_study(study):
-            serve_app(app, address, ready)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        saved = len(storage.records())
-        experiment.close()
-    typer.echo(f"stopped; {saved} records are saved")
+        try:
+            if not check:
+                serve_app(app, address, ready)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            saved = len(storage.records())
+            experiment.close()
+    if not check:
+        typer.echo(f"stopped; {saved} records are saved")
 
 
 @experiment_app.command()
@@ -144,6 +139,7 @@ def status(
 
     Example: pourcast experiment status my-study
     """
+    import math
     import time
 
     with _storage(study, database) as storage:
@@ -170,7 +166,7 @@ def status(
         print_table(seen.states)
     else:
         typer.echo("nobody has come yet")
-    seconds = "" if seen.median_rt != seen.median_rt else f", {seen.median_rt:.1f} s a test trial"
+    seconds = "" if math.isnan(seen.median_rt) else f", {seen.median_rt:.1f} s a test trial"
     typer.echo(f"{seen.judgments} judgments saved{seconds}")
     if seen.kept_aside:
         typer.echo(

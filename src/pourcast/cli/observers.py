@@ -127,10 +127,9 @@ def _in_browser(study: Path, who: "Observers", *, visual: bool) -> None:
     from dataclasses import replace
 
     from pourcast.analysis.rehearsal import observers_table
-    from pourcast.extras import optional_module
+    from pourcast.extras import require_extra
 
-    for module in ("sqlalchemy", "psutil", "starlette", "uvicorn"):
-        optional_module(module, "experiment")
+    require_extra("experiment")
     from pourcast.experiment.browser import chromium, drive_observers, served
     from pourcast.experiment.links import key
     from pourcast.experiment.rehearsal import Rehearsal

@@ -127,25 +127,35 @@ def _chosen(storage: Storage, *, preview: bool) -> dict[int, Session]:
     return {one.number: one for one in storage.sessions() if preview or one.entry != "preview"}
 
 
-def _trial(session: Session, step: Step, record: Record) -> dict[str, Any]:
-    body: dict[str, Any] = json.loads(record.body)
-    way = body.pop("trajectory")
-    return body | {
+def _who(session: Session) -> dict[str, Any]:
+    """What both tables say of a session."""
+    return {
         "participant": session.participant,
         "session": session.number,
         "entry": session.entry,
         "state": session.state,
         "group": session.group + 1,
-        "phase": step.phase,
-        "block": step.block or None,
-        "trial": step.trial,
-        "scene": step.scene,
-        "liquid": step.liquid,
-        "mirrored": step.mirrored,
-        "received": record.received,
         "simulated": session.entry == "simulation",
-        "trajectory": None if way is None else json.dumps(way),
     }
+
+
+def _trial(session: Session, step: Step, record: Record) -> dict[str, Any]:
+    body: dict[str, Any] = json.loads(record.body)
+    way = body.pop("trajectory")
+    return (
+        body
+        | _who(session)
+        | {
+            "phase": step.phase,
+            "block": step.block or None,
+            "trial": step.trial,
+            "scene": step.scene,
+            "liquid": step.liquid,
+            "mirrored": step.mirrored,
+            "received": record.received,
+            "trajectory": None if way is None else json.dumps(way),
+        }
+    )
 
 
 def _participant(session: Session, records: Sequence[Record]) -> dict[str, Any]:
@@ -155,12 +165,7 @@ def _participant(session: Session, records: Sequence[Record]) -> dict[str, Any]:
     test = [rt for phase, rt in judged if phase == "test"]
     check = of_kind.get("check", {})
     liquids = dict.fromkeys(step.liquid for step in session.plan if step.phase == "test")
-    return {
-        "participant": session.participant,
-        "session": session.number,
-        "entry": session.entry,
-        "state": session.state,
-        "group": session.group + 1,
+    return _who(session) | {
         "liquids": "+".join(sorted(liquids, reverse=True)),
         "order": session.place,
         "practice_trials": len(judged) - len(test),
@@ -176,7 +181,6 @@ def _participant(session: Session, records: Sequence[Record]) -> dict[str, Any]:
         "language": check.get("language", ""),
         "remarks": of_kind.get("debrief", {}).get("remarks", ""),
         "code": session.code,
-        "simulated": session.entry == "simulation",
     }
 
 

@@ -56,6 +56,11 @@ class RecruitingDesign(_Frozen):
     failed_check: str = ""
     redirect: str = ""
 
+    @property
+    def codes(self) -> dict[str, str]:
+        """Codes by how a session ended."""
+        return self.model_dump(include={"complete", "screened_out", "failed_check"})
+
 
 class Design(_Frozen):
     """An experiment's design.

@@ -98,7 +98,7 @@ def _write(folder: Path, stock: Stock, transport: str, datapipe: str) -> None:
     texts = texts_of(stock.study, design)
     plan = participant_view(stock, texts) | {
         "places": places,
-        "codes": recruiting.model_dump(include={"complete", "screened_out", "failed_check"}),
+        "codes": recruiting.codes,
         "redirect": recruiting.redirect,
         "datapipe": datapipe,
     }

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -79,33 +79,51 @@ def import_records(
         One line that names the file, the line and what was expected. Nothing of the
         file is taken in then.
     """
-    sessions: dict[str, Session] = {}
-    records = []
+    sources: dict[str, _Source] = {}
+    found: list[tuple[str, int, str, str]] = []
     for number, content in _json_lines(path):
         where = f"{path}: line {number}"
         try:
             if "format" in content:
                 opening = _Opening.model_validate(content)
-                sessions[opening.session] = _opened(opening, storage, plan, now, where)
-                continue
-            line = _Line.model_validate(content)
-            session = sessions.get(line.session)
-            if session is None:
-                raise InputError(f"{where}: session: no line before opens it")
-            if line.seq >= len(session.plan):
-                raise InputError(f"{where}: seq: expected below {len(session.plan)}")
-            kind = session.plan[line.seq].kind
-            body = canonical(kind, line.body)
+                sources[opening.session] = _source(opening, storage, plan, where)
+            else:
+                found.append(_checked(_Line.model_validate(content), sources, where))
         except ValidationError as error:
             raise InputError(f"{where}: {one_line(error)}") from None
-        records.append(Record(session.number, line.seq, kind, body, now))
+    sessions = {
+        name: source.known or _opened(source, storage, now) for name, source in sources.items()
+    }
+    records = [
+        Record(sessions[name].number, seq, kind, body, now) for name, seq, kind, body in found
+    ]
     results = storage.save(records) if records else []
     journal.append(r for r, saved in zip(records, results, strict=True) if saved.result == "new")
     for session in sessions.values():
         if len(storage.done(session.number)) == len(session.plan):
             storage.end(session.number, "complete")
-    found = Counter(saved.result for saved in results)
-    return Imported(len(sessions), found["new"], found["repeated"], found["conflict"])
+    counts = Counter(saved.result for saved in results)
+    return Imported(len(sessions), counts["new"], counts["repeated"], counts["conflict"])
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A session in a file: known to the database, or to be opened with a plan."""
+
+    opening: _Opening
+    known: Session | None
+    plan: Sequence[Step]
+
+
+def _checked(line: _Line, sources: Mapping[str, _Source], where: str) -> tuple[str, int, str, str]:
+    """A record's session, step, kind and body."""
+    source = sources.get(line.session)
+    if source is None:
+        raise InputError(f"{where}: session: no line before opens it")
+    if line.seq >= len(source.plan):
+        raise InputError(f"{where}: seq: expected below {len(source.plan)}")
+    kind = source.plan[line.seq].kind
+    return line.session, line.seq, kind, canonical(kind, line.body)
 
 
 def _json_lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -127,21 +145,26 @@ def _json_lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         yield number, content
 
 
-def _opened(
-    opening: _Opening,
-    storage: Storage,
-    plan: Callable[[int, int], Sequence[Step]],
-    now: float,
-    where: str,
-) -> Session:
-    """The session of an opening line; a new one, if it was run without our server."""
+def _source(
+    opening: _Opening, storage: Storage, plan: Callable[[int, int], Sequence[Step]], where: str
+) -> _Source:
+    """What an opening line speaks of; nothing is written yet."""
     if opening.format != FORMAT:
         raise InputError(f"{where}: format: expected {FORMAT}, found {opening.format}")
     known = storage.session_of(opening.session)
     if known is not None:
-        return known
+        return _Source(opening, known, known.plan)
     if opening.group is None or opening.place is None:
         raise InputError(f"{where}: session: not one of this study's")
+    try:
+        return _Source(opening, None, plan(opening.group, opening.place))
+    except IndexError:
+        raise InputError(f"{where}: group: this study has no group {opening.group}") from None
+
+
+def _opened(source: _Source, storage: Storage, now: float) -> Session:
+    """A session that was run without our server."""
+    opening = source.opening
     who = visitor(opening.identifiers, storage.secret)
     arrival = Arrival(
         f"import {opening.session}",
@@ -150,4 +173,6 @@ def _opened(
         tab="",
         participant=who.participant if who else "",
     )
-    return storage.insert(arrival, opening.group, opening.place, plan, now)
+    assert opening.group is not None
+    assert opening.place is not None
+    return storage.insert(arrival, opening.group, opening.place, source.plan, now)

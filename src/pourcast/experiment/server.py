@@ -257,11 +257,7 @@ class _Api:
         """Completion code and way back, when a session has ended."""
         recruiting = self.experiment.design.recruiting
         own = session.code if state == COMPLETE else ""
-        code = {
-            "complete": recruiting.complete,
-            "screened_out": recruiting.screened_out,
-            "failed_check": recruiting.failed_check,
-        }.get(state, "") or own
+        code = recruiting.codes.get(state) or own
         if session.entry == "lab":
             return {"code": "", "redirect": ""}
         redirect = recruiting.redirect if code and session.entry != "preview" else ""

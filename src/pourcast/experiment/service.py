@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pourcast.errors import InputError, StoreError
-from pourcast.experiment.design import Design, read_design, texts_of, write_default_design
+from pourcast.experiment.design import NAME, Design, read_design, texts_of, write_default_design
 from pourcast.experiment.journal import Journal
 from pourcast.experiment.links import Visitor
 from pourcast.experiment.plan import Stock
@@ -266,7 +266,7 @@ def prepare_stock(study: Path, storage: Storage, report: Report | None = None) -
 
 def prepare_design(study: Path) -> Design:
     """A study's design; the paper's is written for a study that has none."""
-    if not (study / "experiment.toml").is_file():
+    if not (study / NAME).is_file():
         goals = {scene.goal.kind for scene in study_scenes(study)}
         if len(goals) > 1:
             raise InputError(f"{study}: has basins and cups; an experiment asks one question")

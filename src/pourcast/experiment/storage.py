@@ -28,8 +28,7 @@ from pourcast.experiment.database import (
     reason,
 )
 from pourcast.experiment.plan import Step
-
-DATABASE = "responses.sqlite"
+from pourcast.study import DATABASE
 
 OPEN, COMPLETE, DROPPED = "open", "complete", "dropped"
 """States of a session, beside `screened_out` and `failed_check`; dropped if nobody came back."""
@@ -134,7 +133,7 @@ class Arrival:
 
 
 class Refusal(Exception):  # noqa: N818 - nothing went wrong
-    """Somebody can't begin: `reason` is `full`, `again` or `late`."""
+    """Somebody can't go on: `reason` is a name among the texts of `stop`."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
@@ -300,7 +299,7 @@ class Storage:
         arrival: Arrival,
         group: int,
         place: int,
-        plan: Callable[[int, int], Sequence[Step]],
+        plan: Sequence[Step],
         now: float,
     ) -> Session:
         """A session that was run elsewhere, in its group and place; the same request, the same."""
@@ -308,7 +307,7 @@ class Storage:
             there = self._session(connection, SESSIONS.c.request == arrival.request)
             if there is not None:
                 return there
-            number = self._insert(connection, arrival, group, place, plan(group, place), now)
+            number = self._insert(connection, arrival, group, place, plan, now)
             session = self._session(connection, SESSIONS.c.id == number)
             assert session is not None
             return session

@@ -59,8 +59,9 @@ class Manifest(_Frozen):
 
     def find(self, scene: Scene, liquid: str) -> Stimulus | None:
         """Stimulus of a scene with a liquid, if there is one."""
+        wanted = (scene.digest, liquid)  # the digest takes longer than the search
         for stimulus in self.stimuli:
-            if (stimulus.scene, stimulus.liquid) == (scene.digest, liquid):
+            if (stimulus.scene, stimulus.liquid) == wanted:
                 return stimulus
         return None
 

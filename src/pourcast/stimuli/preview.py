@@ -53,7 +53,7 @@ _TRUTH = {"water": "truth-water", "honey": "truth-honey"}
 
 @dataclass(frozen=True)
 class Wanted:
-    """A scene with a liquid that is to be shown; `film` if what happens is, too."""
+    """A scene with water or honey that is to be shown; `film` if what happens is, too."""
 
     scene: Scene
     liquid: str
@@ -80,13 +80,18 @@ def make_stimuli(study: Path, wanted: Sequence[Wanted], report: Report | None = 
     """
     manifest = read_manifest(study)
     there = {(one.scene, one.liquid): one for one in manifest.stimuli}
-    missing = [one for one in wanted if not _is_there(study, there, one)]
+    needed: dict[tuple[str, str], Wanted] = {}
+    for one in wanted:  # groups that see the same are shown the same files
+        key = (one.scene.digest, one.liquid)
+        if one.film or key not in needed:
+            needed[key] = one
+    missing = [one for key, one in needed.items() if not _is_there(study, there.get(key), one)]
     if missing and report is not None:
         report("making stimuli", 0, len(missing))
     for k, stimulus in enumerate(_made(study, missing), start=1):
         there[stimulus.scene, stimulus.liquid] = stimulus
         if stimulus.film or k == len(missing):
-            # Others' stimuli are never taken for these: those who made the first are named.
+            # The list names those who made its first stimuli.
             manifest = Manifest(
                 solver=manifest.solver or SOLVER,
                 renderer=manifest.renderer or RENDERER,
@@ -112,20 +117,18 @@ def _made(study: Path, missing: Sequence[Wanted]) -> Iterator[Stimulus]:
             raise
 
 
-def _is_there(study: Path, there: dict[tuple[str, str], Stimulus], one: Wanted) -> bool:
-    found = there.get((one.scene.digest, one.liquid))
+def _is_there(study: Path, found: Stimulus | None, one: Wanted) -> bool:
     if found is None or (one.film and found.film is None):
         return False
     return is_whole(study, found)
 
 
 def _make(study: Path, one: Wanted) -> Stimulus:
-    kind = "honey" if one.liquid.startswith("honey") else "water"
-    seconds = FILM_SECONDS[kind]
+    seconds = FILM_SECONDS[one.liquid]
     # A still is the film's first picture: nothing jumps when the film begins.
     settings = EngineSettings(max_duration=seconds if one.film else 1 / FRAME_RATE)
     liquid = resolve_liquid(one.liquid, one.scene)
-    truth = imagine(one.scene, _TRUTH[kind], liquid, settings=settings)
+    truth = imagine(one.scene, _TRUTH[one.liquid], liquid, settings=settings)
     picture = _frames(one.scene, truth)
     stem = f"{one.scene.digest}-{one.liquid}"
     still, film = study / FOLDER / f"{stem}.png", study / FOLDER / f"{stem}.mp4"

@@ -3,6 +3,7 @@ import "./page.css";
 
 import { initJsPsych, type JsPsych } from "jspsych";
 
+import { pause, waits } from "./backoff";
 import { Media } from "./media";
 import { Outbox } from "./outbox";
 import { Sender } from "./sender";
@@ -16,8 +17,6 @@ import { escaped, pageOf } from "./words";
 
 /** How long the last page waits for the server before it offers the file [ms]. */
 const PATIENCE = 20_000;
-const FIRST_WAIT = 500;
-const LONGEST_WAIT = 10_000;
 
 const page = document.getElementById("page") as HTMLElement;
 
@@ -55,13 +54,14 @@ class Memory {
 }
 
 async function patiently<T>(ask: () => Promise<T>): Promise<T> {
-  for (let wait = FIRST_WAIT; ; wait = Math.min(2 * wait, LONGEST_WAIT)) {
+  const wait = waits();
+  for (;;) {
     try {
       return await ask();
     } catch (error) {
       if (error instanceof Refused) throw error;
       show(`<p>${escaped(words.unreachable)}</p>`);
-      await new Promise((resolve) => setTimeout(resolve, wait));
+      await pause(wait.next().value);
     }
   }
 }
@@ -206,7 +206,8 @@ class Study {
     this.tabs.release();
     show(`<p>${escaped(texts["page"].saving)}</p>`);
     const patience = setTimeout(() => this.offerFile(session), PATIENCE);
-    for (let wait = FIRST_WAIT; ; wait = Math.min(2 * wait, LONGEST_WAIT)) {
+    const wait = waits();
+    for (;;) {
       await this.sender.flushed();
       try {
         const said = await this.transport.finish(session.token, end, this.outbox.of(session.token));
@@ -222,7 +223,7 @@ class Study {
           return this.offerFile(session, error.reason === "file" ? "file" : "offline");
         }
       }
-      await new Promise((resolve) => setTimeout(resolve, wait));
+      await pause(wait.next().value);
     }
   }
 

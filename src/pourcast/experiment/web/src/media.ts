@@ -1,13 +1,13 @@
 /** Pictures and films, fetched ahead, a few at a time, and again if they stall. */
 
+import { pause, waits } from "./backoff";
+
 const PARALLEL = 3;
 const TIMEOUT = 30_000;
-const FIRST_WAIT = 500;
-const LONGEST_WAIT = 10_000;
 
 export class Media {
   private queue: string[] = [];
-  private active = 0;
+  private fetching = new Set<string>();
   private urls = new Map<string, string>();
   private waiting = new Map<string, ((url: string) => void)[]>();
 
@@ -33,16 +33,12 @@ export class Media {
     });
   }
 
-  private fetching = new Set<string>();
-
   private pump(): void {
-    while (this.active < PARALLEL && this.queue.length) {
+    while (this.fetching.size < PARALLEL && this.queue.length) {
       const name = this.queue.shift() as string;
       if (this.urls.has(name) || this.fetching.has(name)) continue;
-      this.active += 1;
       this.fetching.add(name);
       void this.fetch(name).then((url) => {
-        this.active -= 1;
         this.fetching.delete(name);
         this.urls.set(name, url);
         for (const resolve of this.waiting.get(name) ?? []) resolve(url);
@@ -53,14 +49,15 @@ export class Media {
   }
 
   private async fetch(name: string): Promise<string> {
-    for (let wait = FIRST_WAIT; ; wait = Math.min(2 * wait, LONGEST_WAIT)) {
+    const wait = waits();
+    for (;;) {
       try {
         const answer = await fetch(this.source(name), { signal: AbortSignal.timeout(TIMEOUT) });
         if (answer.ok) return URL.createObjectURL(await answer.blob());
       } catch {
         // Stalled or offline: again.
       }
-      await new Promise((resolve) => setTimeout(resolve, wait));
+      await pause(wait.next().value);
     }
   }
 }

@@ -1,8 +1,8 @@
 /** Posts what is in the outbox, one record after another, until the server has all of it. */
+import { waits } from "./backoff";
 import type { Entry, Outbox } from "./outbox";
 import { Refused, type Transport } from "./transports/transport";
 
-const FIRST_WAIT = 500;
 const LONGEST_WAIT = 15_000;
 
 export class Sender {
@@ -41,20 +41,17 @@ export class Sender {
 
   private async run(): Promise<void> {
     this.running = true;
-    let wait = FIRST_WAIT;
+    let wait = waits(LONGEST_WAIT);
     for (let entry = this.next(); entry; entry = this.next()) {
       try {
         const said = await this.transport.save(entry.session, entry.seq, entry.body, this.tab);
         await this.outbox.markSaved(entry);
         if (said.superseded) this.onSuperseded(entry.session);
-        wait = FIRST_WAIT;
+        wait = waits(LONGEST_WAIT);
       } catch (error) {
         // Whoever is refused stays in the browser, for the file; all others are tried for ever.
         if (error instanceof Refused && error.status !== 429) this.refused.add(entry);
-        else {
-          await this.pause(wait);
-          wait = Math.min(2 * wait, LONGEST_WAIT);
-        }
+        else await this.pause(wait.next().value);
       }
     }
     this.running = false;

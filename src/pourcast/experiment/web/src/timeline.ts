@@ -79,12 +79,21 @@ export class Timeline {
     }
   }
 
-  /** A page with buttons; the last one has the focus, so that ENTER goes on. */
-  private page(html: string | (() => string), choices: string[], extra: Node = {}): Node {
+  /**
+   * A page with buttons; the last one has the focus, so that ENTER goes on. `chosen` is told the
+   * number of the button.
+   */
+  private page(
+    html: string | (() => string),
+    choices: string[],
+    chosen: (button: number) => void = () => undefined,
+    extra: Node = {},
+  ): Node {
     let watch: Watch;
+    const content = typeof html === "string" ? () => html : html;
     return {
       type: buttons,
-      stimulus: typeof html === "string" ? `<div class="text">${html}</div>` : () => `<div class="text">${html()}</div>`,
+      stimulus: () => `<div class="text">${content()}</div>`,
       choices: choices.map(escaped),
       on_load: () => {
         watch = new Watch();
@@ -93,6 +102,7 @@ export class Timeline {
       },
       on_finish: (data: any) => {
         Object.assign(data, watch?.stop(), { rt: (data.rt ?? 0) / 1000 });
+        chosen(data.response);
       },
       ...extra,
     };
@@ -124,13 +134,9 @@ export class Timeline {
     const text = fill(this.texts.resume.body, { done, count: trials.length });
     const { title, anew, button } = this.texts.resume;
     const shared = session.entry === "lab" || session.entry === "preview";
-    const page = this.page(pageOf(title, text), shared ? [anew, button] : [button]);
-    const finish = page.on_finish;
-    page.on_finish = (data: any) => {
-      finish(data);
-      if (shared && data.response === 0) this.around.beginAnew();
-    };
-    return page;
+    return this.page(pageOf(title, text), shared ? [anew, button] : [button], (chosen) => {
+      if (shared && chosen === 0) this.around.beginAnew();
+    });
   }
 
   private fullscreen(): Node {
@@ -149,14 +155,14 @@ export class Timeline {
     const { session } = this.around;
     const contact = session.contact ? `\n\n${fill(texts.contact, { contact: session.contact })}` : "";
     const body = `${fill(texts.body, { minutes: session.minutes })}${contact}\n\n${texts.agree}`;
-    const page = this.page(pageOf(texts.title, body), [texts.decline_button, texts.agree_button], {
-      simulation_options: { data: { response: 1 } },
-    });
-    const finish = page.on_finish;
-    page.on_finish = (data: any) => {
-      finish(data);
-      if (data.response === 0) this.around.stop("declined");
-    };
+    const page = this.page(
+      pageOf(texts.title, body),
+      [texts.decline_button, texts.agree_button],
+      (chosen) => {
+        if (chosen === 0) this.around.stop("declined");
+      },
+      { simulation_options: { data: { response: 1 } } },
+    );
     return [page, this.keep(step)];
   }
 
@@ -177,13 +183,10 @@ export class Timeline {
           need_height: session.minimum_height,
         }),
       );
-    const page = this.page(tooSmall, [texts.leave, texts.again]);
-    const finish = page.on_finish;
-    page.on_finish = (data: any) => {
-      finish(data);
+    const page = this.page(tooSmall, [texts.leave, texts.again], (chosen) => {
       tries += 1;
-      if (data.response === 0) this.around.stop("screened_out");
-    };
+      if (chosen === 0) this.around.stop("screened_out");
+    });
     return [
       {
         type: browserCheck,
@@ -219,17 +222,16 @@ export class Timeline {
     const began = performance.now();
     let at = 0;
     let passed = false;
-    const reading: Node = {
-      ...this.page(
-        () => pages[at] as string,
-        [],
-        {
-          choices: () => (at ? [this.texts.page.back, this.texts.page.continue] : [this.texts.page.continue]).map(escaped),
-          simulation_options: { data: { response: () => (at ? 1 : 0) } },
-          on_finish: (data: any) => (at += at && data.response === 0 ? -1 : 1),
-        },
-      ),
-    };
+    const { back, continue: onward } = this.texts.page;
+    const reading = this.page(
+      () => pages[at] as string,
+      [],
+      (chosen) => (at += at && chosen === 0 ? -1 : 1),
+      {
+        choices: () => (at ? [back, onward] : [onward]).map(escaped),
+        simulation_options: { data: { response: () => (at ? 1 : 0) } },
+      },
+    );
     const asking: Node = {
       type: form,
       title: quiz.title,
@@ -386,7 +388,7 @@ export class Timeline {
   private breaks(step: Step): Node[] {
     const texts = this.texts.break;
     const text = fill(texts.body, { block: step.block ?? 0, blocks: this.blocks() });
-    const page = this.page(pageOf(texts.title, text), [texts.button], {
+    const page = this.page(pageOf(texts.title, text), [texts.button], undefined, {
       on_start: () => this.preloadBlock((step.block ?? 0) + 1),
     });
     return [page, this.keep(step)];

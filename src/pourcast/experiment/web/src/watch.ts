@@ -1,5 +1,18 @@
 /** What disturbed a step: lost focus, pictures that came too late. */
 
+import { ParameterType } from "jspsych";
+
+/** The columns of what a watch tells, as plugins declare their data. */
+export const WATCHED = {
+  /** Size of the window [points]. */
+  window_width: { type: ParameterType.FLOAT },
+  window_height: { type: ParameterType.FLOAT },
+  /** How often the page lost the focus. */
+  focus_losses: { type: ParameterType.INT },
+  /** Pictures that the screen did not show in time. */
+  dropped_frames: { type: ParameterType.INT },
+} as const;
+
 export interface Watched {
   window_width: number;
   window_height: number;

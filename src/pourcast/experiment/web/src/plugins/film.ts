@@ -1,7 +1,7 @@
 /** A film of what happens, shown once; ENTER or the button goes on when it is over. */
 import { ParameterType, type JsPsych, type JsPsychPlugin, type TrialType } from "jspsych";
 
-import { Watch } from "../watch";
+import { WATCHED, Watch } from "../watch";
 import { escaped } from "../words";
 
 const info = {
@@ -24,13 +24,7 @@ const info = {
     stalls: { type: ParameterType.INT },
     /** Time until the participant went on [s]. */
     rt: { type: ParameterType.FLOAT },
-    /** Size of the window [points]. */
-    window_width: { type: ParameterType.FLOAT },
-    window_height: { type: ParameterType.FLOAT },
-    /** How often the page lost the focus. */
-    focus_losses: { type: ParameterType.INT },
-    /** Pictures of the film that were not shown. */
-    dropped_frames: { type: ParameterType.INT },
+    ...WATCHED,
   },
 } as const;
 

@@ -1,7 +1,7 @@
 /** Questions on one page: choices, or a text; answered with mouse or keyboard. */
 import { ParameterType, type JsPsych, type JsPsychPlugin, type TrialType } from "jspsych";
 
-import { Watch } from "../watch";
+import { WATCHED, Watch } from "../watch";
 import { escaped, paragraphs } from "../words";
 
 const info = {
@@ -23,10 +23,7 @@ const info = {
     text: { type: ParameterType.STRING },
     /** Time until the form was handed in [s]. */
     rt: { type: ParameterType.FLOAT },
-    window_width: { type: ParameterType.FLOAT },
-    window_height: { type: ParameterType.FLOAT },
-    focus_losses: { type: ParameterType.INT },
-    dropped_frames: { type: ParameterType.INT },
+    ...WATCHED,
   },
 } as const;
 

@@ -5,7 +5,7 @@
 import { ParameterType, type JsPsych, type JsPsychPlugin, type TrialType } from "jspsych";
 
 import { drawSplit } from "../picture";
-import { Watch } from "../watch";
+import { WATCHED, Watch } from "../watch";
 import { escaped, fill } from "../words";
 
 const info = {
@@ -48,13 +48,7 @@ const info = {
     trajectory: { type: ParameterType.COMPLEX },
     /** Time from the picture to the answer [s]. */
     rt: { type: ParameterType.FLOAT },
-    /** Size of the window [points]. */
-    window_width: { type: ParameterType.FLOAT },
-    window_height: { type: ParameterType.FLOAT },
-    /** How often the page lost the focus. */
-    focus_losses: { type: ParameterType.INT },
-    /** Pictures that the screen did not show in time. */
-    dropped_frames: { type: ParameterType.INT },
+    ...WATCHED,
   },
 } as const;
 
