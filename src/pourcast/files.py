@@ -62,6 +62,18 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_bytes(text.encode())
 
 
+def check_empty(folder: Path) -> None:
+    """Refuse a folder that holds something already; one that isn't there will be made.
+
+    Raises
+    ------
+    InputError
+        If it is there and not empty, or no folder.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: exists and is not an empty folder; choose another name")
+
+
 def check_writable(path: Path) -> None:
     """Refuse a file name that can't be written, before long work is done for it.
 

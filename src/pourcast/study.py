@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pourcast.errors import InputError
-from pourcast.files import write_text
+from pourcast.files import check_empty, write_text
 from pourcast.generate.select import Selection, contrasting_scenes, filtered_scenes
 from pourcast.generate.shapes import ShapesFamily
 from pourcast.generate.voronoi import VoronoiFamily
@@ -110,8 +110,7 @@ def new_study(folder: Path, request: SceneRequest, report: Report | None = None)
     InputError
         If the folder holds something already, or can't be written.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: exists and is not an empty folder; choose another name")
+    check_empty(folder)
     write_text(folder / "study.toml", _study_toml(request))
     selection = generate_scenes(request, report)
     write_scenes(folder / "scenes.json", selection.scenes)

@@ -12,7 +12,7 @@ from pourcast.errors import InputError
 from pourcast.experiment.design import Design, texts_of
 from pourcast.experiment.pages import participant_view, require_page, write_page
 from pourcast.experiment.plan import Stock
-from pourcast.files import replacing, write_text
+from pourcast.files import check_empty, replacing, write_text
 
 OWN_ORDERS = 24
 """Orders to choose from, a group, where each participant has an own one."""
@@ -39,8 +39,7 @@ def export_static(folder: Path, stock: Stock, *, datapipe: str = "") -> None:
     InputError
         If the folder holds something already, or can't be written.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: exists and is not an empty folder; choose another name")
+    check_empty(folder)
     _write(folder, stock, "static", datapipe)
 
 

@@ -11,10 +11,9 @@ from typing import Any
 
 import pandas as pd
 
-from pourcast.errors import InputError
 from pourcast.experiment.data import PARTICIPANT_COLUMNS, TRIAL_COLUMNS, write_csv
 from pourcast.experiment.design import Design
-from pourcast.files import write_text
+from pourcast.files import check_empty, write_text
 
 _README = """# {title}
 
@@ -61,8 +60,7 @@ def write_psych_ds(
     InputError
         If the folder holds something already, or can't be written.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: exists and is not an empty folder; choose another name")
+    check_empty(folder)
     name = "".join(letter for letter in study.resolve().name if letter.isalnum()) or "study"
     written = []
     for what, table in (("trials", trials), ("participants", participants)):
