@@ -85,3 +85,9 @@ def test_pure_noise_has_no_reliability():
     responses = np.random.default_rng(0).random((5, 6))
     responses -= responses.mean(axis=0)
     assert np.isnan(reliability(responses))
+
+
+def test_one_participant_tells_nothing_of_noise():
+    one = np.random.default_rng(0).random((1, 6))
+    assert np.isnan(reliability(one))
+    assert np.isnan(reliability(one, np.ones((3, 6)))).all()
