@@ -20,8 +20,9 @@ from pourcast.sweep.executors.local import LocalExecutor
 from pourcast.sweep.grid import parse_grid
 from pourcast.sweep.plan import Plan, make_plan
 from pourcast.sweep.run import run_sweep
-from pourcast.sweep.shard import ShardResult, ShardTask, task_of
+from pourcast.sweep.shard import ShardTask, task_of
 from pourcast.sweep.store import Store
+from pourcast.sweep.task import TaskResult
 
 GRID = """
 [[models]]
@@ -65,13 +66,13 @@ def sweep_seconds(plan: Plan, workers: int) -> float:
         return time.perf_counter() - start
 
 
-def sleep_through(task: ShardTask) -> ShardResult:
+def sleep_through(task: ShardTask) -> TaskResult:
     """What a worker does instead of a shard: sleep, and leave a file that says when."""
     begin = time.time()
     time.sleep(SLEEP)
     name = task.store / f"{task.shard.id}-{os.getpid()}"
     name.write_text(f"{begin} {time.time()}")
-    return ShardResult(task.shard.id, "done")
+    return TaskResult(task.shard.id, "done")
 
 
 def busy_share(plan: Plan, workers: int) -> float:

@@ -1,7 +1,7 @@
 import av
 import numpy as np
 
-from pourcast.pictures import write_mp4
+from pourcast.video import write_film
 
 
 def random_pictures(count, block):
@@ -17,7 +17,7 @@ def test_the_same_pictures_make_the_same_film(tmp_path):
         # So that memory holds other things each time.
         clutter.append(np.full(300_007 * (k % 5 + 1), k + 1, np.uint8))
         path = tmp_path / f"{k}.mp4"
-        write_mp4(path, lambda number: pictures[number], len(pictures))
+        write_film(path, lambda number: pictures[number], len(pictures))
         made.add(path.read_bytes())
         if k % 3 == 2:
             clutter.clear()
@@ -26,7 +26,7 @@ def test_the_same_pictures_make_the_same_film(tmp_path):
 
 def test_colours_survive_the_way_into_a_film_and_back(tmp_path):
     pictures = random_pictures(3, 26)
-    write_mp4(tmp_path / "film.mp4", lambda number: pictures[number], len(pictures))
+    write_film(tmp_path / "film.mp4", lambda number: pictures[number], len(pictures))
     with av.open(str(tmp_path / "film.mp4")) as film:
         frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
     assert len(frames) == 3

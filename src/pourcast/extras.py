@@ -8,6 +8,7 @@ from pourcast.errors import InputError
 
 EXTRAS = {
     "bayes": ("numpyro", "arviz"),
+    "stimuli": ("pysplashsurf",),
     "experiment": ("sqlalchemy", "psutil", "starlette", "uvicorn"),
 }
 """Modules of the extras that are needed as a whole."""

@@ -2,11 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import av
 import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -14,7 +12,6 @@ from matplotlib.collections import EllipseCollection, LineCollection, PolyCollec
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
-from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from pourcast.errors import InputError
@@ -23,10 +20,10 @@ from pourcast.liquid import Liquid
 from pourcast.model import Model, SimulationModel, make_model, resolve_liquid
 from pourcast.scene import Scene
 from pourcast.simulation import EngineSettings, Progress, simulate
+from pourcast.video import FRAME_RATE, write_film, write_gif
 
 SUFFIXES = (".png", ".svg", ".gif", ".mp4")
 MOMENTS = 6
-FRAME_RATE = round(EngineSettings().frame_rate)
 _GIF_STRIDE = 2
 _HOLD_SECONDS = 1.0
 _CELL = 0.006
@@ -325,9 +322,9 @@ def _save_film(
         return frame(numbers[k])
 
     if path.suffix == ".gif":
-        _write_gif(path, picture, len(numbers))
+        write_gif(path, picture, len(numbers), stride=_GIF_STRIDE)
     else:
-        write_mp4(path, picture, len(numbers))
+        write_film(path, picture, len(numbers))
 
 
 def frame_maker(
@@ -391,40 +388,3 @@ def _film_figure(
         else:
             moving.append((draw_liquid(axes, scene, one, 0), one))
     return figure, moving, solids
-
-
-def _write_gif(path: Path, picture: Callable[[int], NDArray[np.uint8]], count: int) -> None:
-    # One palette for all frames, or the colours flicker.
-    frames = [Image.fromarray(picture(k)) for k in range(count)]
-    palette = frames[count // 2].quantize(128)
-    indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    duration = 1000 * _GIF_STRIDE // FRAME_RATE
-    indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=duration, loop=0)
-
-
-def write_mp4(path: Path, picture: Callable[[int], NDArray[np.uint8]], count: int) -> None:
-    """Write a film (H.264); the same pictures make the same bytes.
-
-    Parameters
-    ----------
-    path
-        The .mp4 file.
-    picture
-        From a frame's number to red, green, blue, shape [height, width, 3].
-    count
-        Number of frames.
-    """
-    with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
-        stream = container.add_stream("libx264", rate=Fraction(FRAME_RATE))
-        stream.pix_fmt = "yuv420p"
-        # With macroblock-tree rate control, x264's AVX-512 code makes other bytes now and then.
-        stream.options = {"crf": "18", "x264-params": "mbtree=0"}
-        for k in range(count):
-            image = picture(k)
-            # H.264 with 4:2:0 chroma wants even sizes.
-            even = image[: image.shape[0] // 2 * 2, : image.shape[1] // 2 * 2]
-            if k == 0:
-                stream.height, stream.width = even.shape[:2]
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(even), format="rgb24")
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())

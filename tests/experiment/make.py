@@ -8,9 +8,17 @@ from PIL import Image
 from pourcast.experiment.plan import PRACTICE
 from pourcast.experiment.storage import Arrival
 from pourcast.files import write_text
-from pourcast.pictures import write_mp4
 from pourcast.scene import Scene, write_scenes
-from pourcast.stimuli.manifest import FOLDER, Manifest, Stimulus, checksum, write_manifest
+from pourcast.stimuli.manifest import (
+    Manifest,
+    Stimulus,
+    StimulusSet,
+    checksum,
+    set_folder,
+    write_set,
+)
+from pourcast.stimuli.recipe import QUICK
+from pourcast.video import write_film
 from tests.make import random_scenes
 
 EXP1 = 'groups = [["water"]]\npractice = 1\nfullscreen = false\n'
@@ -33,12 +41,13 @@ def small_study(
     write_scenes(folder / "practice.json", practice)
     write_text(folder / "experiment.toml", design or (EXP1 if experiment == "exp1" else EXP2))
     stimuli = []
-    (folder / FOLDER).mkdir(exist_ok=True)
+    place = set_folder(folder, QUICK.name)
+    place.mkdir(parents=True, exist_ok=True)
     for scene in [*test[:scenes], *practice]:
         for seen in (scene, scene.mirrored()):
             for liquid in ("water", "honey"):
-                stimuli.append(_stimulus(folder / FOLDER, seen, liquid, scene in practice))
-    write_manifest(folder, Manifest(solver="none", renderer="grey", stimuli=tuple(stimuli)))
+                stimuli.append(_stimulus(place, seen, liquid, scene in practice))
+    write_set(StimulusSet(place, Manifest(recipe=QUICK, stimuli=tuple(stimuli))))
     return folder
 
 
@@ -47,7 +56,7 @@ def _stimulus(folder: Path, scene: Scene, liquid: str, film: bool) -> Stimulus:
     Image.new("RGB", (40, 60), "grey").save(folder / names[0])
     if film:
         names.append(f"{scene.digest}-{liquid}.mp4")
-        write_mp4(folder / names[1], lambda k: np.full((60, 40, 3), 20 * k, np.uint8), 6)
+        write_film(folder / names[1], lambda k: np.full((60, 40, 3), 20 * k, np.uint8), 6)
     return Stimulus(
         scene=scene.digest,
         liquid=liquid,

@@ -3,7 +3,7 @@
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.experiment.design import Design, read_design, texts_of, write_default_design
+from pourcast.experiment.design import NAME, Design, default_design, read_design, texts_of
 from pourcast.files import write_text
 
 
@@ -17,14 +17,14 @@ def design_of(folder, text):
     [("basins", (("water",), ("honey",)), ()), ("cup", (("water", "honey"),), ("honey",))],
 )
 def test_the_default_is_the_papers(tmp_path, goal, groups, mirrored):
-    write_default_design(tmp_path, goal, 15)
+    (tmp_path / NAME).write_text(default_design(goal, 15))
     design = read_design(tmp_path)
     assert design == Design(groups=groups, mirrored=mirrored)
     assert (design.practice, design.blocks, design.order) == (15, 3, "shared")
 
 
 def test_the_choices_that_the_default_only_shows_are_choices(tmp_path):
-    write_default_design(tmp_path, "basins", 2)
+    (tmp_path / NAME).write_text(default_design("basins", 2))
     path = tmp_path / "experiment.toml"
     before = path.read_text()
     for shown in ("contact", "places", "complete", "redirect"):

@@ -7,7 +7,7 @@ import pytest
 from pourcast.errors import StoreError
 from pourcast.experiment.links import key
 from pourcast.experiment.records import MAX_BODY
-from pourcast.stimuli.manifest import FOLDER
+from pourcast.stimuli.manifest import NAME
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, EXP2, answer, judgment, small_study
 
@@ -164,9 +164,9 @@ def test_media_are_named_by_nothing_that_tells_and_test_films_are_not_served(api
         got = api.client.get(f"/media/{name}")
         assert got.status_code == 200
         assert len(name.split(".")[0]) == 32
-    manifest = (api.experiment.study / FOLDER / "manifest.json").read_text()
-    assert practice[0]["film"] not in manifest
-    films = [one.film for one in api.experiment.stock.manifest.stimuli if one.film]
+    stimuli = api.experiment.stock.stimuli
+    assert practice[0]["film"] not in (stimuli.folder / NAME).read_text()
+    films = [one.film for one in stimuli.manifest.stimuli if one.film]
     for name in [*films, "manifest.json", "..%2fmanifest.json", "../study.toml"]:
         assert api.client.get(f"/media/{name}").status_code == 404
 

@@ -14,9 +14,9 @@ from pourcast.simulation import simulate
 from pourcast.sweep import shard as shard_module
 from pourcast.sweep.plan import make_plan
 from pourcast.sweep.run import run_part
-from pourcast.sweep.shard import ShardResult
 from pourcast.sweep.store import Store
 from pourcast.sweep.survey import survey
+from pourcast.sweep.task import TaskResult
 from pourcast.sweep.trajectories import read_trajectories
 from tests.make import random_scenes
 from tests.sweep.make import SMALL, Inline, small_grid, small_plan, small_study, swept
@@ -138,7 +138,7 @@ class Unreliable(Inline):
             if self.losses.get(name, 0) > 0:
                 self.losses[name] -= 1
                 self.did.append(name)
-                yield ShardResult(name, "lost", "its worker died")
+                yield TaskResult(name, "lost", "its worker died")
             else:
                 yield from super().run([task], heartbeat)
 
@@ -193,7 +193,7 @@ def test_a_disk_that_spoils_every_file_is_not_written_to_for_ever(tmp_path, monk
     class Spoiling(Inline):
         def run(self, tasks, heartbeat):
             for result in super().run(tasks, heartbeat):
-                path = Store(study / "sweep").path_of(result.shard)
+                path = Store(study / "sweep").path_of(result.task)
                 path.write_bytes(path.read_bytes()[:-1])
                 yield result
 

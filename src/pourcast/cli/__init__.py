@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from pourcast.cli import compare, design, experiment, models, observers, scenes, sweep
+from pourcast.cli import compare, design, experiment, models, observers, scenes, stimuli, sweep
 from pourcast.cli.app import app
 from pourcast.cli.terminal import InterruptedWorkError
 from pourcast.errors import ClusterError, InputError, StoreError
@@ -24,6 +24,7 @@ __all__ = [
     "observers",
     "run",
     "scenes",
+    "stimuli",
     "sweep",
 ]
 

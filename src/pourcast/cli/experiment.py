@@ -108,6 +108,7 @@ def serve(
         typer.echo(
             f"{study}: {len(experiment.scenes)} scenes, {experiment.design.practice} practice "
             f"trials, groups: {groups}\ndesign: {study / NAME}\n"
+            f"stimuli: {experiment.stock.stimuli.folder}\n"
             f"responses: {storage.url.render_as_string()}"
         )
 

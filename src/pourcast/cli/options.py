@@ -15,6 +15,14 @@ class Resampled(StrEnum):
     BOTH = "both"
 
 
+class ExecutorName(StrEnum):
+    """Where long work is done."""
+
+    LOCAL = "local"
+    DASK = "dask"
+    SLURM = "slurm"
+
+
 class LiquidName(StrEnum):
     """Liquids that a trial can show."""
 

@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pourcast.cli.app import app
-from pourcast.cli.options import JsonOption, StudyArgument
+from pourcast.cli.options import ExecutorName, JsonOption, StudyArgument
 from pourcast.cli.terminal import (
     InterruptedWorkError,
     bar_on_stderr,
@@ -35,14 +34,6 @@ _LOG_EVERY = 60.0
 
 _FAILURES_SHOWN = 10
 """Failures that are told at the end; `--status` tells all."""
-
-
-class ExecutorName(StrEnum):
-    """Where shards are done."""
-
-    LOCAL = "local"
-    DASK = "dask"
-    SLURM = "slurm"
 
 
 @app.command()

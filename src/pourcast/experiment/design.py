@@ -8,7 +8,6 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pourcast.errors import InputError
-from pourcast.files import write_text
 from pourcast.scene import one_line
 
 NAME = "experiment.toml"
@@ -158,17 +157,20 @@ def read_design(study: Path) -> Design:
     return design
 
 
-def write_default_design(study: Path, goal: str, practice: int) -> None:
-    """Write the paper's design for a study's kind of scene, with every choice explained.
+def default_design(goal: str, practice: int) -> str:
+    """The paper's design for a kind of scene, with every choice explained.
 
     Parameters
     ----------
-    study
-        The study folder.
     goal
         Kind of the scenes' goal: `basins` (Experiments 1a and 1b) or `cup` (Experiment 2).
     practice
         Number of practice trials.
+
+    Returns
+    -------
+    str
+        Content of `experiment.toml`.
     """
     basins = goal == "basins"
     groups = '[["water"], ["honey"]]' if basins else '[["water", "honey"]]'
@@ -176,7 +178,7 @@ def write_default_design(study: Path, goal: str, practice: int) -> None:
     text = files("pourcast.experiment").joinpath("default.toml").read_text(encoding="utf-8")
     for name, value in (("GROUPS", groups), ("MIRRORED", mirrored), ("PRACTICE", str(practice))):
         text = text.replace(f"@{name}@", value)
-    write_text(study / NAME, text)
+    return text
 
 
 def texts_of(study: Path, design: Design) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import hashlib
 import hmac
+import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from pourcast.errors import InputError
-from pourcast.experiment.design import Design
+from pourcast.experiment.design import NAME, Design, default_design, read_design
 from pourcast.progress import Report
 from pourcast.responses import TEST
 from pourcast.scene import Scene
-from pourcast.stimuli.manifest import FOLDER, Manifest
-from pourcast.stimuli.preview import Wanted, make_stimuli
+from pourcast.stimuli.make import make_stimuli
+from pourcast.stimuli.manifest import FOLDER, StimulusSet, Wanted, best_set, sets_of
+from pourcast.stimuli.recipe import QUICK
+from pourcast.study import load_practice, study_scenes
 
 PRACTICE = "practice"
 """The phase with films; no model is compared on it."""
@@ -107,6 +110,29 @@ def test_trials(scenes: Sequence[Scene], design: Design, group: int, place: int)
     return [trials[k] for k in np.random.default_rng(entropy).permutation(len(trials))]
 
 
+def own_default(study: Path) -> str:
+    """The paper's design for a study's scenes, as the content of `experiment.toml`.
+
+    Raises
+    ------
+    InputError
+        If there are scenes of both experiments.
+    """
+    goals = {scene.goal.kind for scene in study_scenes(study)}
+    if len(goals) > 1:
+        raise InputError(f"{study}: has basins and cups; an experiment asks one question")
+    return default_design(goals.pop(), len(load_practice(study)))
+
+
+def all_shown(study: Path) -> list[Shown]:
+    """All that a study's participants are shown, by its design or, without one, the paper's."""
+    if (study / NAME).is_file():
+        design = read_design(study)
+    else:
+        design = Design.model_validate(tomllib.loads(own_default(study)))
+    return Stock(study, study_scenes(study), load_practice(study), design, b"").wanted()
+
+
 class Stock:
     """Scenes, stimuli and the names under which participants get them.
 
@@ -137,7 +163,8 @@ class Stock:
             )
         self.study, self.scenes, self.practice = study, scenes, practice
         self.design, self._secret = design, secret
-        self.manifest = Manifest()
+        self.stimuli: StimulusSet | None = None
+        """What is shown: the set nearest to the paper's that has all of it."""
         self.files: dict[str, Path] = {}
         """Names handed out, and the files they stand for."""
         self._names: dict[tuple[str, str, bool], tuple[str, str]] = {}
@@ -158,42 +185,48 @@ class Stock:
         ]
 
     def prepare(self, report: Report | None = None) -> None:
-        """Make the stimuli that are missing."""
-        wanted = self.wanted()
-        self.manifest = make_stimuli(
-            self.study, [Wanted(one.seen, one.liquid, one.film) for one in wanted], report
-        )
-        for one in wanted:
-            self._names[one.key] = self._handed_out(one)
+        """Choose the stimuli; if no set has all that is wanted, make quick ones."""
+        shown = self.wanted()
+        wanted = [Wanted(one.seen, one.liquid, one.film) for one in shown]
+        stimuli = best_set(self.study, wanted)
+        if stimuli is None:
+            stimuli = make_stimuli(self.study, wanted, QUICK, report=report)
+        self.stimuli = stimuli
+        for one in shown:
+            self._names[one.key] = self._handed_out(one, stimuli)
 
-    def _handed_out(self, shown: Shown) -> tuple[str, str]:
+    def _handed_out(self, shown: Shown, stimuli: StimulusSet) -> tuple[str, str]:
         """Names of still and film (empty without one)."""
-        stimulus = self.manifest.find(shown.seen, shown.liquid)
+        stimulus = stimuli.find(shown.seen, shown.liquid)
         if stimulus is None:
             raise InputError(
                 f"{self.study / FOLDER}: no stimulus of scene {shown.scene.id} ({shown.liquid}"
                 f"{', mirrored' if shown.mirrored else ''})"
             )
-        still = self._hand_out(stimulus.still)
+        still = self._hand_out(stimuli.folder / stimulus.still)
         # The films of test trials, should there be any, stay in the folder.
-        film = self._hand_out(stimulus.film) if shown.film and stimulus.film else ""
+        film = (
+            self._hand_out(stimuli.folder / stimulus.film) if shown.film and stimulus.film else ""
+        )
         return still, film
 
     def hand_out_of(self, plans: Iterable[Sequence[Step]]) -> None:
-        """Hand out what sessions were promised that began before the design was changed."""
+        """Hand out what sessions were promised before design or stimuli were changed."""
         promised = {name for plan in plans for step in plan for name in (step.still, step.film)}
-        for stimulus in self.manifest.stimuli:
-            for file in filter(None, (stimulus.still, stimulus.film)):
-                if self._name(file) in promised:
-                    self._hand_out(file)
+        for stimuli in sets_of(self.study):
+            for stimulus in stimuli.manifest.stimuli:
+                for file in (stimuli.folder / name for name in stimulus.files):
+                    if self._name(file) in promised:
+                        self._hand_out(file)
 
-    def _name(self, file: str) -> str:
-        digest = hmac.new(self._secret, file.encode(), hashlib.sha256).hexdigest()
-        return digest[:32] + Path(file).suffix
+    def _name(self, file: Path) -> str:
+        place = f"{file.parent.name}/{file.name}"
+        digest = hmac.new(self._secret, place.encode(), hashlib.sha256).hexdigest()
+        return digest[:32] + file.suffix
 
-    def _hand_out(self, file: str) -> str:
+    def _hand_out(self, file: Path) -> str:
         name = self._name(file)
-        self.files[name] = self.study / FOLDER / file
+        self.files[name] = file
         return name
 
     def plan(self, group: int, place: int) -> list[Step]:

@@ -13,11 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pourcast.errors import InputError, StoreError
-from pourcast.experiment.design import NAME, Design, read_design, texts_of, write_default_design
+from pourcast.errors import StoreError
+from pourcast.experiment.design import NAME, Design, read_design, texts_of
 from pourcast.experiment.journal import Journal
 from pourcast.experiment.links import Visitor
-from pourcast.experiment.plan import Stock
+from pourcast.experiment.plan import Stock, own_default
 from pourcast.experiment.records import canonical
 from pourcast.experiment.storage import (
     COMPLETE,
@@ -30,6 +30,7 @@ from pourcast.experiment.storage import (
     Session,
     Storage,
 )
+from pourcast.files import write_text
 from pourcast.progress import Report
 from pourcast.study import load_practice, study_scenes
 
@@ -267,10 +268,7 @@ def prepare_stock(study: Path, storage: Storage, report: Report | None = None) -
 def prepare_design(study: Path) -> Design:
     """A study's design; the paper's is written for a study that has none."""
     if not (study / NAME).is_file():
-        goals = {scene.goal.kind for scene in study_scenes(study)}
-        if len(goals) > 1:
-            raise InputError(f"{study}: has basins and cups; an experiment asks one question")
-        write_default_design(study, goals.pop(), len(load_practice(study)))
+        write_text(study / NAME, own_default(study))
     return read_design(study)
 
 

@@ -1,160 +1,162 @@
-"""Stimuli from the particle engine, drawn flat: at once, on any machine.
+"""Shaded flat pictures: fast, on any machine, good enough to pilot with.
 
-They show the ground truth of the models themselves. For a study that is to be published, an
-independent solver's are better: the paper took care not to test its model on its own kind.
+Solids are bevelled and lit from above on the left. The liquid is as opaque as it is deep, so that
+films and drops are told from pools.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from functools import partial
-from multiprocessing import get_context
-from pathlib import Path
-
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw
+from scipy.ndimage import distance_transform_edt, gaussian_filter, shift
 
-from pourcast.files import replacing
-from pourcast.model import resolve_liquid
-from pourcast.pictures import (
-    FRAME_RATE,
-    Imagined,
-    draw_liquid,
-    draw_scene,
-    frame_maker,
-    imagine,
-    write_mp4,
-)
-from pourcast.progress import Report
-from pourcast.scene import Scene
-from pourcast.simulation import EngineSettings
-from pourcast.stimuli.manifest import (
-    FILM_SECONDS,
-    FOLDER,
-    Manifest,
-    Stimulus,
-    checksum,
-    is_whole,
-    read_manifest,
-    write_manifest,
-)
+from pourcast.scene import Polygon, Scene
+from pourcast.stimuli.poured import FULL, Moment, Poured
+from pourcast.video import Picture
 
-SOLVER, RENDERER = "sph", "preview"
+Array = NDArray[np.float32]
 
-_PIXELS_PER_METRE = 600
-_DPI = 100
-_WORTH_PROCESSES = 3
-"""So many films pay for the start of other processes."""
-
-_TRUTH = {"water": "truth-water", "honey": "truth-honey"}
+_WALL = np.array([0.955, 0.955, 0.94], np.float32)
+_OBSTACLE = np.array([0.38, 0.42, 0.47], np.float32)
+_GOAL = np.array([0.66, 0.42, 0.31], np.float32)
+_COLOUR = {
+    "water": np.array([0.12, 0.43, 0.80], np.float32),
+    "honey": np.array([0.85, 0.54, 0.02], np.float32),
+}
+_GLEAM = np.array([1.0, 1.0, 1.0], np.float32)
+_LIGHT = np.array([-0.5, -0.85])
+"""Towards the light, right and down in the picture."""
+_BEVEL = 0.012
+"""Width of solids' edges [m]."""
+_SUPERSAMPLING = 4
+_POINT_CELL = 0.006
+"""Cells in which particles are counted [m]."""
+_THIN, _THICK = 0.3, 0.9
+"""Depth at which liquid is first seen, and at which it is seen for good [cells]."""
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """A scene with water or honey that is to be shown; `film` if what happens is, too."""
-
-    scene: Scene
-    liquid: str
-    film: bool = False
-
-
-def make_stimuli(study: Path, wanted: Sequence[Wanted], report: Report | None = None) -> Manifest:
-    """Make the stimuli of a study that are not there yet.
+def picture_maker(scene: Scene, liquid: str, poured: Poured, width: int) -> Picture:
+    """What draws the pictures of a pour.
 
     Parameters
     ----------
-    study
-        The study folder.
-    wanted
-        What is to be shown.
-    report
-        Told of the progress.
+    scene
+        The scene.
+    liquid
+        `water` or `honey`.
+    poured
+        The pour.
+    width
+        Of the pictures [pixels].
 
     Returns
     -------
-    Manifest
-        All stimuli of the study. It is written after every film, so that
-        interrupted work goes on where it was.
+    callable
+        From a picture's number to red, green, blue, shape [height, width, 3].
     """
-    manifest = read_manifest(study)
-    there = {(one.scene, one.liquid): one for one in manifest.stimuli}
-    needed: dict[tuple[str, str], Wanted] = {}
-    for one in wanted:  # groups that see the same are shown the same files
-        key = (one.scene.digest, one.liquid)
-        if one.film or key not in needed:
-            needed[key] = one
-    missing = [one for key, one in needed.items() if not _is_there(study, there.get(key), one)]
-    if missing and report is not None:
-        report("making stimuli", 0, len(missing))
-    for k, stimulus in enumerate(_made(study, missing), start=1):
-        there[stimulus.scene, stimulus.liquid] = stimulus
-        if stimulus.film or k == len(missing):
-            # The list names those who made its first stimuli.
-            manifest = Manifest(
-                solver=manifest.solver or SOLVER,
-                renderer=manifest.renderer or RENDERER,
-                stimuli=tuple(there.values()),
-            )
-            write_manifest(study, manifest)
-        if report is not None:
-            report("making stimuli", k, len(missing))
-    return manifest
+    height = 2 * round(width * scene.box.height / scene.box.width / 2)
+    size = (width, height)
+    still, solid = _solids(scene, size)
+    colour = _COLOUR[liquid]
+
+    def picture(number: int) -> NDArray[np.uint8]:
+        depth, seen = _depth(poured.moments[number], poured, scene, size)
+        cover = _smooth(seen) * (0.55 + 0.35 * np.minimum(depth, 1.0)) * (1.0 - solid)
+        image = still + cover[..., None] * (colour - still)
+        edge = np.gradient(gaussian_filter(_smooth(seen), width / 200.0))
+        gleam = np.clip(edge[1] * -_LIGHT[0] + edge[0] * -_LIGHT[1], 0.0, 0.06) * 5.0
+        image += (gleam * (1.0 - solid) * _smooth(seen))[..., None] * (_GLEAM - image)
+        return np.round(255.0 * np.clip(image, 0.0, 1.0)).astype(np.uint8)
+
+    return picture
 
 
-def _made(study: Path, missing: Sequence[Wanted]) -> Iterator[Stimulus]:
-    """Make stimuli, in their order; films, of which each takes seconds, on all cores."""
-    make = partial(_make, study)
-    if sum(one.film for one in missing) < _WORTH_PROCESSES:
-        yield from map(make, missing)
-        return
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        try:
-            yield from pool.map(make, missing)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+def _smooth(level: Array) -> Array:
+    """A soft step from 0 to 1."""
+    x = np.clip(level, 0.0, 1.0)
+    return x * x * (3.0 - 2.0 * x)
 
 
-def _is_there(study: Path, found: Stimulus | None, one: Wanted) -> bool:
-    if found is None or (one.film and found.film is None):
-        return False
-    return is_whole(study, found)
-
-
-def _make(study: Path, one: Wanted) -> Stimulus:
-    seconds = FILM_SECONDS[one.liquid]
-    # A still is the film's first picture: nothing jumps when the film begins.
-    settings = EngineSettings(max_duration=seconds if one.film else 1 / FRAME_RATE)
-    liquid = resolve_liquid(one.liquid, one.scene)
-    truth = imagine(one.scene, _TRUTH[one.liquid], liquid, settings=settings)
-    picture = _frames(one.scene, truth)
-    stem = f"{one.scene.digest}-{one.liquid}"
-    still, film = study / FOLDER / f"{stem}.png", study / FOLDER / f"{stem}.mp4"
-    with replacing(still) as temporary:
-        Image.fromarray(picture(0)).save(temporary)
-    checksums = {still.name: checksum(still)}
-    if one.film:
-        with replacing(film) as temporary:
-            write_mp4(temporary, picture, round(seconds * FRAME_RATE))
-        checksums[film.name] = checksum(film)
-    return Stimulus(
-        scene=one.scene.digest,
-        liquid=one.liquid,
-        still=still.name,
-        film=film.name if one.film else None,
-        outcome=round(truth.judgment, 6) if one.film else None,
-        checksums=checksums,
+def _depth(
+    moment: Moment, poured: Poured, scene: Scene, size: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Share of the box's depth that is liquid, and how well it is seen, pixel by pixel."""
+    box = scene.box
+    if moment.fill.size == 0:
+        return _depth_of_particles(moment, poured.cell, scene, size)
+    layers = moment.fill.shape[2]
+    depth = moment.fill.sum(axis=2, dtype=np.float32) / (FULL * layers)
+    places = [
+        np.clip(((moment.points[:, k] - poured.origin[k]) / poured.cell).astype(int), 0, n - 1)
+        for k, n in enumerate(depth.shape)
+    ]
+    np.add.at(depth, tuple(places), moment.points[:, 3] / (poured.cell**3 * layers))
+    spread = _stretched(
+        depth, poured.cell, (poured.origin[0], poured.origin[1]), box.width, box.height, size
     )
+    return spread, (spread * layers - _THIN) / (_THICK - _THIN)
 
 
-def _frames(scene: Scene, truth: Imagined) -> Callable[[int], NDArray[np.uint8]]:
-    """Pictures of the box alone, edge to edge, by the frame's number."""
-    width, height = (
-        2 * round(side * _PIXELS_PER_METRE / 2) for side in (scene.box.width, scene.box.height)
-    )
-    figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    solids = draw_scene(axes, scene)
-    return frame_maker(figure, scene, [(draw_liquid(axes, scene, truth, 0), truth)], solids)
+def _depth_of_particles(
+    moment: Moment, spacing: float, scene: Scene, size: tuple[int, int]
+) -> tuple[Array, Array]:
+    box = scene.box
+    shape = (round(box.width / _POINT_CELL), round(box.height / _POINT_CELL))
+    counts = np.histogram2d(
+        moment.points[:, 0], moment.points[:, 1], bins=shape,
+        range=((0.0, box.width), (0.0, box.height)),
+    )[0].astype(np.float32)  # fmt: skip
+    blur = 0.5 * spacing / _POINT_CELL
+    # 1 in the middle of a single particle
+    field = gaussian_filter(counts, blur) * np.float32(2.0 * np.pi * blur**2)
+    cell = box.width / shape[0]
+    spread = _stretched(field, cell, (0.0, 0.0), box.width, box.height, size)
+    return spread * (spacing / box.depth), (spread - 0.35) / 0.25
+
+
+def _stretched(
+    field: Array, cell: float, origin: tuple[float, float], width: float, height: float,
+    size: tuple[int, int],
+) -> Array:  # fmt: skip
+    """A field over x and y as the pixels of a picture, the highest row first."""
+    rows = np.pad(field.T[::-1], 1, mode="edge")
+    left = 1.0 - origin[0] / cell
+    bottom = rows.shape[0] - 1.0 + origin[1] / cell
+    place = (left, max(0.0, bottom - height / cell), left + width / cell, bottom)
+    image = Image.fromarray(np.ascontiguousarray(rows, dtype=np.float32))
+    right = min(place[2], float(rows.shape[1]))
+    return np.asarray(image.resize(size, Image.Resampling.BICUBIC, box=(*place[:2], right, bottom)))
+
+
+def _solids(scene: Scene, size: tuple[int, int]) -> tuple[Array, Array]:
+    """The box without liquid, and where its solids are, from 0 to 1."""
+    image = np.broadcast_to(_WALL, (size[1], size[0], 3)).copy()
+    covered = np.zeros((size[1], size[0]), np.float32)
+    scale = size[0] / scene.box.width
+    for polygons, colour in ((scene.obstacles, _OBSTACLE), (scene.goal.solids, _GOAL)):
+        for polygon in polygons:
+            mask = _mask(polygon, size, scale)
+            # A soft shadow on the wall behind.
+            shade = shift(gaussian_filter(mask, 0.008 * scale), round(0.006 * scale), order=0)
+            image *= 1.0 - 0.18 * (shade * (1.0 - mask) * (1.0 - covered))[..., None]
+            lit = (colour * _lighting(mask, scale)[..., None]).astype(np.float32)
+            image += mask[..., None] * (np.clip(lit, 0.0, 1.0) - image)
+            covered = np.maximum(covered, mask)
+    return image, covered
+
+
+def _mask(polygon: Polygon, size: tuple[int, int], scale: float) -> Array:
+    """How much of each pixel a polygon covers."""
+    fine = Image.new("L", (size[0] * _SUPERSAMPLING, size[1] * _SUPERSAMPLING))
+    corners = [
+        (x * scale * _SUPERSAMPLING, fine.height - y * scale * _SUPERSAMPLING) for x, y in polygon
+    ]
+    ImageDraw.Draw(fine).polygon(corners, fill=255)
+    return np.asarray(fine.resize(size, Image.Resampling.BOX), dtype=np.float32) / 255.0
+
+
+def _lighting(mask: Array, scale: float) -> Array:
+    """Brightness of a bevelled solid, 1 on its face."""
+    height = np.minimum(distance_transform_edt(mask > 0.5), _BEVEL * scale)
+    slope = np.gradient(gaussian_filter(height, 0.15 * _BEVEL * scale))
+    tilt = slope[1] * -_LIGHT[0] + slope[0] * -_LIGHT[1]
+    return (1.0 - 0.35 * np.clip(-tilt, -1.0, 1.0)).astype(np.float32)

@@ -12,10 +12,11 @@ from pourcast.errors import StoreError
 from pourcast.extras import optional_module
 from pourcast.sweep.executors import Executor
 from pourcast.sweep.plan import Plan, Shard
-from pourcast.sweep.shard import ShardResult, run_shard, task_of
+from pourcast.sweep.shard import run_shard, task_of
 from pourcast.sweep.store import Damage, Failure, Store
 from pourcast.sweep.survey import Survey, survey
 from pourcast.sweep.table import gather
+from pourcast.sweep.task import TaskResult
 
 ATTEMPTS = 3
 """How often a shard is tried."""
@@ -153,13 +154,13 @@ def _drive(
             if result.outcome == "store":
                 raise StoreError(result.message)
             if result.outcome == "done":
-                tally.done(named.pop(result.shard))
+                tally.done(named.pop(result.task))
             elif result.outcome != "busy":
-                tries[result.shard] += 1
+                tries[result.task] += 1
                 tally.failed += 1
-                if tries[result.shard] == attempts:
-                    del named[result.shard]
-                    failures.append(Failure(result.shard, attempts, result.message))
+                if tries[result.task] == attempts:
+                    del named[result.task]
+                    failures.append(Failure(result.task, attempts, result.message))
                     store.keep_failure(failures[-1])
             tally.tell()
         if named:
@@ -203,7 +204,7 @@ class _Tally:
         )
 
 
-def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[ShardResult]:
+def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[TaskResult]:
     """Do every `parts`-th shard from number `part` on, here and now; for a task of a job array.
 
     Parameters
@@ -220,5 +221,5 @@ def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[ShardResul
     results = [run_shard(task_of(plan, shard, store.folder)) for shard in left]
     for result in results:
         if result.outcome == "failed":
-            store.keep_failure(Failure(result.shard, 1, result.message))
+            store.keep_failure(Failure(result.task, 1, result.message))
     return results

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import pyarrow as pa
 
@@ -15,6 +15,7 @@ from pourcast.simulation import EngineSettings, Outcome, Pour, engine_version, s
 from pourcast.sweep.plan import Plan, Shard, Span
 from pourcast.sweep.settings import JudgeSetting, Setting
 from pourcast.sweep.store import SCHEMA, Store
+from pourcast.sweep.task import OnWork, TaskResult
 from pourcast.sweep.trajectories import write_trajectories
 
 OnDone = Callable[[int], None]
@@ -47,18 +48,17 @@ class ShardTask:
     engine: str
     trajectories: bool
 
+    @property
+    def id(self) -> str:
+        """Name of the shard."""
+        return self.shard.id
 
-@dataclass(frozen=True)
-class ShardResult:
-    """What became of a shard.
-
-    `done`: its file is there. `busy`: another process is at it. `failed`: it raised an
-    error. `lost`: its worker died. `store`: the result couldn't be kept.
-    """
-
-    shard: str
-    outcome: Literal["done", "busy", "failed", "lost", "store"]
-    message: str = ""
+    def run(self, on_work: OnWork | None = None) -> TaskResult:
+        """Do the shard; see `run_shard`."""
+        if on_work is None:
+            return run_shard(self)
+        each = self.shard.seconds / self.shard.simulations
+        return run_shard(self, lambda done: on_work(done, done * each))
 
 
 def task_of(plan: Plan, shard: Shard, store: Path) -> ShardTask:
@@ -83,7 +83,7 @@ def task_of(plan: Plan, shard: Shard, store: Path) -> ShardTask:
     )
 
 
-def run_shard(task: ShardTask, on_done: OnDone | None = None) -> ShardResult:
+def run_shard(task: ShardTask, on_done: OnDone | None = None) -> TaskResult:
     """Do a shard unless it is done or somebody is at it; never raises an ordinary error.
 
     Parameters
@@ -97,17 +97,17 @@ def run_shard(task: ShardTask, on_done: OnDone | None = None) -> ShardResult:
     try:
         with store.locked(name) as mine:
             if not mine:
-                return ShardResult(name, "busy")
+                return TaskResult(name, "busy")
             if store.path_of(name) is None:
                 _do(task, store, on_done)
             store.forget_failure(name)
     except StoreError as error:
-        return ShardResult(name, "store", str(error))
+        return TaskResult(name, "store", str(error))
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(where.filename).name}, line {where.lineno}"
-        return ShardResult(name, "failed", f"{type(error).__name__}: {error} ({place})")
-    return ShardResult(name, "done")
+        return TaskResult(name, "failed", f"{type(error).__name__}: {error} ({place})")
+    return TaskResult(name, "done")
 
 
 class _Row(NamedTuple):

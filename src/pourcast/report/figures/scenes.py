@@ -11,7 +11,6 @@ from pourcast.engine.kernel import NORMALISATION, shape
 from pourcast.liquid import WATER
 from pourcast.pictures import (
     COLOURS,
-    FRAME_RATE,
     Imagined,
     draw_liquid,
     draw_paths,
@@ -22,6 +21,7 @@ from pourcast.pictures import (
 from pourcast.report.figures.style import BLUE, PAGE, RC, new_figure
 from pourcast.scene import Scene
 from pourcast.simulation import EngineSettings
+from pourcast.video import FRAME_RATE
 
 PARTICLE_COUNTS = (15, 50, 100, 200)
 

@@ -9,10 +9,10 @@ from typing import Any
 from pourcast.errors import ClusterError, InputError
 from pourcast.extras import optional_module
 from pourcast.sweep.executors import Heartbeat, run_futures
-from pourcast.sweep.shard import ShardResult, ShardTask, run_shard
+from pourcast.sweep.task import Task, TaskResult, run_task
 
 _WAITING = 2
-"""Shards on their way for each one that is being done."""
+"""Tasks on their way for each one that is being done."""
 
 _CONNECT_SECONDS = 15
 
@@ -25,7 +25,7 @@ class DaskExecutor:
     client
         A connected `distributed.Client`.
     work
-        What a worker does with a shard.
+        What a worker does with a task.
     on_close
         Ends what was started for the client.
     """
@@ -33,25 +33,25 @@ class DaskExecutor:
     def __init__(
         self,
         client: Any,
-        work: Callable[[ShardTask], ShardResult] = run_shard,
+        work: Callable[[Task], TaskResult] = run_task,
         on_close: Callable[[], None] | None = None,
     ) -> None:
         self._client = client
         self._work = work
         self._on_close = on_close
-        # A shard whose worker died is given to another; the one that was at it may be to blame.
+        # A task whose worker died is given to another; the one that was at it may be to blame.
         self._pool = client.get_executor(pure=False, retries=0)
 
     @property
     def workers(self) -> int:
-        """Shards that are done at a time: threads of all workers that are there now."""
+        """Tasks that are done at a time: threads of all workers that are there now."""
         return max(1, sum(int(n) for n in self._client.nthreads().values()))
 
-    def run(self, tasks: Iterable[ShardTask], heartbeat: Heartbeat) -> Iterator[ShardResult]:
-        """Do shards; see `Executor`."""
+    def run(self, tasks: Iterable[Task], heartbeat: Heartbeat) -> Iterator[TaskResult]:
+        """Do tasks; see `Executor`."""
 
-        def submit(task: ShardTask) -> Future[ShardResult]:
-            future: Future[ShardResult] = self._pool.submit(self._work, task)
+        def submit(task: Task) -> Future[TaskResult]:
+            future: Future[TaskResult] = self._pool.submit(self._work, task)
             return future
 
         room = _Often(lambda: _WAITING * self.workers)

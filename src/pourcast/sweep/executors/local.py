@@ -1,4 +1,4 @@
-"""Processes of this machine; one that dies takes only its shard with it."""
+"""Processes of this machine; one that dies takes only its task with it."""
 
 import multiprocessing
 import os
@@ -11,7 +11,7 @@ import numpy as np
 from pebble import ProcessPool
 
 from pourcast.sweep.executors import Heartbeat, run_futures
-from pourcast.sweep.shard import ShardResult, ShardTask, run_shard
+from pourcast.sweep.task import Task, TaskResult
 
 _SLOTS = 4096
 
@@ -22,7 +22,7 @@ take it to its grave. Should two share a place, the bar is off a little, and not
 
 
 class LocalExecutor:
-    """Worker processes, one shard at a time each, on one core each.
+    """Worker processes, one task at a time each, on one core each.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ class LocalExecutor:
             workers, initializer=_begin, initargs=(self._done,), context=context
         )
 
-    def run(self, tasks: Iterable[ShardTask], heartbeat: Heartbeat) -> Iterator[ShardResult]:
-        """Do shards; see `Executor`."""
+    def run(self, tasks: Iterable[Task], heartbeat: Heartbeat) -> Iterator[TaskResult]:
+        """Do tasks; see `Executor`."""
 
         def beat() -> None:
             done = np.frombuffer(self._done).reshape(_SLOTS, 2).sum(axis=0)
@@ -48,7 +48,7 @@ class LocalExecutor:
             heartbeat(int(simulations), float(seconds))
             self._seen = done
 
-        def submit(task: ShardTask) -> Future[ShardResult]:
+        def submit(task: Task) -> Future[TaskResult]:
             return self._pool.schedule(_work, args=(task,))
 
         # One more than there are workers, so that nobody waits for the next.
@@ -74,9 +74,8 @@ def _begin(counters: Any) -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-def _work(task: ShardTask) -> ShardResult:
-    each = task.shard.seconds / task.shard.simulations
-    return run_shard(task, lambda done: _count(done, done * each))
+def _work(task: Task) -> TaskResult:
+    return task.run(_count)
 
 
 def _count(simulations: int, seconds: float) -> None:

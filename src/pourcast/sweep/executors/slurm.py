@@ -14,7 +14,7 @@ from typing import Any
 from pourcast.errors import InputError
 from pourcast.extras import optional_module
 from pourcast.sweep.executors import Heartbeat
-from pourcast.sweep.shard import ShardResult, ShardTask, run_shard
+from pourcast.sweep.task import Task, TaskResult, run_task
 
 LONGEST_ARRAY = 1000
 """Tasks of an array: SLURM's own default limit is 1001."""
@@ -59,10 +59,10 @@ class SlurmExecutor:
         except (TypeError, ValueError) as error:
             raise InputError(f"{source}: slurm: {' '.join(str(error).split())}") from None
 
-    def run(self, tasks: Iterable[ShardTask], heartbeat: Heartbeat) -> Iterator[ShardResult]:
-        """Do shards; see `Executor`. Many shards share the tasks of one array."""
-        shards = list(tasks)
-        parts = [shards[k::LONGEST_ARRAY] for k in range(min(LONGEST_ARRAY, len(shards)))]
+    def run(self, tasks: Iterable[Task], heartbeat: Heartbeat) -> Iterator[TaskResult]:
+        """Do tasks; see `Executor`. Many of ours share the tasks of one array."""
+        ours = list(tasks)
+        parts = [ours[k::LONGEST_ARRAY] for k in range(min(LONGEST_ARRAY, len(ours)))]
         if not parts:
             return
         waiting = dict(zip(self._submit(parts), parts, strict=True))
@@ -85,11 +85,11 @@ class SlurmExecutor:
                 elif asked - missing_since.setdefault(job, asked) > _LOST_AFTER:
                     yield from _lost(job, waiting.pop(job))
 
-    def _submit(self, parts: list[list[ShardTask]]) -> list[Any]:
+    def _submit(self, parts: list[list[Task]]) -> list[Any]:
         try:
             # What sbatch says is in the error as well.
             with contextlib.redirect_stderr(io.StringIO()):
-                return list(self._submitit.map_array(run_shards, parts))
+                return list(self._submitit.map_array(run_tasks, parts))
         except self._submission_error as error:
             raise InputError(_last_line(str(error))) from None
 
@@ -98,25 +98,25 @@ class SlurmExecutor:
         subprocess.run(["scancel", f"--name={self._name}"], check=False, capture_output=True)
 
 
-def run_shards(tasks: list[ShardTask]) -> list[ShardResult]:
-    """Do some shards, one after the other; what a task of the array does."""
-    return [run_shard(task) for task in tasks]
+def run_tasks(tasks: list[Task]) -> list[TaskResult]:
+    """Do some of our tasks, one after the other; what a task of the array does."""
+    return [run_task(task) for task in tasks]
 
 
-def _results(job: Any, tasks: list[ShardTask]) -> list[ShardResult]:
+def _results(job: Any, tasks: list[Task]) -> list[TaskResult]:
     error = job.exception()
     if error is None:
-        found: list[ShardResult] = job.result()
+        found: list[TaskResult] = job.result()
         job.paths.submitted_pickle.unlink(missing_ok=True)
         job.paths.result_pickle.unlink(missing_ok=True)
         return found
     return _lost(job, tasks, _last_line(str(error)))
 
 
-def _lost(job: Any, tasks: list[ShardTask], reason: str = "") -> list[ShardResult]:
+def _lost(job: Any, tasks: list[Task], reason: str = "") -> list[TaskResult]:
     reason = reason or f"killed, or out of time or memory; see {job.paths.stderr}"
     message = f"SLURM task {job.job_id} ended without a result ({reason})"
-    return [ShardResult(task.shard.id, "lost", message) for task in tasks]
+    return [TaskResult(task.id, "lost", message) for task in tasks]
 
 
 def _last_line(text: str) -> str:

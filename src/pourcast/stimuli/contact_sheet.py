@@ -1,0 +1,102 @@
+"""All stimuli of a set at a glance, for the researcher's eyes: how each begins and ends."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import av
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from pourcast.files import replacing
+from pourcast.scene import Scene
+from pourcast.stimuli.manifest import Stimulus, StimulusSet
+
+NAME = "contact-sheet.png"
+
+_ROWS_BESIDE = 3
+"""Scenes side by side."""
+_WIDTH = 150
+_GAP = 8
+_LINE = 20
+_PAPER, _INK = (255, 255, 255), (40, 40, 40)
+
+
+def write_contact_sheet(stimuli: StimulusSet, scenes: Sequence[Scene]) -> Path:
+    """Picture the start of each scene and the end of each of its films, with the outcomes.
+
+    Parameters
+    ----------
+    stimuli
+        The set.
+    scenes
+        Its scenes; those without stimuli are left out, and mirror images stand for them.
+
+    Returns
+    -------
+    Path
+        The picture, in the set's folder. It tells the outcomes: not for participants.
+    """
+    rows = [row for scene in scenes if (row := _row(stimuli, scene))]
+    columns = max((len(found) for _, found in rows), default=0) + 1
+    height = max((image.height for _, row in rows for image, _ in row), default=0)
+    cell = (columns * (_WIDTH + _GAP) + 2 * _GAP, height + 2 * _LINE + _GAP)
+    beside = min(_ROWS_BESIDE, max(1, len(rows)))
+    down = -(-len(rows) // beside)
+    sheet = Image.new("RGB", (beside * cell[0] + _GAP, down * cell[1] + _GAP), _PAPER)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(13)
+    for number, (name, row) in enumerate(rows):
+        left = _GAP + number % beside * cell[0]
+        top = _GAP + number // beside * cell[1]
+        draw.text((left, top), name, _INK, font)
+        for k, (image, words) in enumerate(row):
+            place = left + k * (_WIDTH + _GAP)
+            sheet.paste(image, (place, top + _LINE))
+            draw.text((place, top + _LINE + image.height + 1), words, _INK, font)
+    path = stimuli.folder / NAME
+    with replacing(path) as temporary:
+        sheet.save(temporary)
+    return path
+
+
+def _row(stimuli: StimulusSet, scene: Scene) -> tuple[str, list[tuple[Image.Image, str]]] | None:
+    """Name of a scene; its start and its ends, and what each is."""
+    found = []
+    for liquid in ("water", "honey"):
+        for seen, how in ((scene, ""), (scene.mirrored(), ", mirrored")):
+            stimulus = stimuli.find(seen, liquid)
+            if stimulus is not None:
+                found.append((stimulus, f"{liquid}{how}"))
+                break
+    if not found:
+        return None
+    start = _small(Image.open(stimuli.folder / found[0][0].still).convert("RGB"))
+    ends = [
+        (
+            _small(Image.fromarray(last_picture(stimuli.folder / stimulus.film))),
+            _told(stimulus, how),
+        )
+        for stimulus, how in found
+        if stimulus.film is not None
+    ]
+    return scene.id, [(start, found[0][1] + " starts"), *ends]
+
+
+def _told(stimulus: Stimulus, how: str) -> str:
+    if stimulus.outcome is None:
+        return how
+    stuck = f", {stimulus.stranded:.0%} stuck" if (stimulus.stranded or 0.0) >= 0.01 else ""
+    return f"{how} {stimulus.outcome:.2f}{stuck}"
+
+
+def _small(image: Image.Image) -> Image.Image:
+    size = (_WIDTH, round(image.height * _WIDTH / image.width))
+    return image.resize(size, Image.Resampling.LANCZOS)
+
+
+def last_picture(film: Path) -> np.ndarray:
+    """The last picture of a film: red, green, blue, shape [height, width, 3]."""
+    with av.open(str(film)) as container:
+        frames = container.decode(video=0)
+        for frame in frames:
+            last = frame
+        return last.to_ndarray(format="rgb24")

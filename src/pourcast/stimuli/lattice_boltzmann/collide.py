@@ -1,0 +1,270 @@
+"""One step of the liquid: populations move, are reflected, and relax.
+
+Populations are pulled from the neighbours. Where a neighbour is gas, they are reconstructed from
+the gas's pressure (Koerner et al. 2005, J. Stat. Phys. 121, eq. 4). Where it is solid, they bounce
+back from a wall that moves along with the liquid as far as it lets it slip: with free slip, an even
+motion along a surface is kept exactly, whatever staircase of cells stands for the slope.
+
+Relaxation is regularised (Latt & Chopard 2006, Math. Comput. Simul. 72), with the force F of Guo,
+Zheng & Shi (2002, Phys. Rev. E 65) and Smagorinsky's sub-grid viscosity in the closed form of Hou et
+al. (1996). With Pi the non-equilibrium part of the second moment,
+
+    f_i = w_i [rho + 3 c_i . (rho u + F / 2) + 9/2 (c_i c_i - I / 3) : A],
+    A   = rho u u + (1 - 1 / tau) Pi + (u F + F u) / 2.
+
+Mass moves with the populations (Koerner et al. 2005, eq. 3): between two interface cells in
+proportion to the mean of their fill, and only one way where one of them touches no full cell or no
+empty one (Thuerey 2007, table 4.1), so that none is left behind.
+
+Populations are stored less their weights, so that float32 is enough.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pourcast.engine.compile import kernel
+from pourcast.engine.simd import LANES, load, maximum, splat, sqrt, store
+from pourcast.stimuli.lattice_boltzmann.lattice import (
+    FLUID,
+    GAS,
+    INTERFACE,
+    MIRRORED,
+    N_DIRECTIONS,
+    NO_FLUID,
+    NO_GAS,
+    OPPOSITE,
+    SOLID,
+    VELOCITY,
+    WEIGHT,
+)
+
+TOP_SPEED = 0.3
+"""No cell's speed goes beyond this [cells per step]; the time step is chosen to stay well below."""
+
+MOMENTS = N_DIRECTIONS
+FORCE = MOMENTS + 4
+LIMIT = FORCE + 3
+LINKS = LIMIT + 1
+SCRATCH_ROWS = LINKS + N_DIRECTIONS
+"""Rows of scratch: populations, density and velocity, acceleration, greatest speed, links to walls."""
+
+_C = VELOCITY.astype(np.float32)
+_W = WEIGHT.astype(np.float32)
+
+
+@kernel
+def equilibrium(i: int, density: float, ux: float, uy: float, uz: float) -> float:
+    """Population of direction `i` in a liquid that moves evenly, less its weight."""
+    along = _C[i, 0] * ux + _C[i, 1] * uy + _C[i, 2] * uz
+    square = ux * ux + uy * uy + uz * uz
+    return WEIGHT[i] * (density * (1.0 + 3.0 * along + 4.5 * along * along - 1.5 * square) - 1.0)
+
+
+@kernel
+def speed_limit(cell: int, cells: Any, flow: Any) -> float:
+    """Speed of a body that fell to a cell from the liquid's highest point at the start.
+
+    Populations weigh alike in full cells and in nearly empty ones; without a bound, a splash that
+    the grid can't resolve may hand most of the liquid's energy to a few drops.
+    """
+    return min(TOP_SPEED, np.sqrt(flow.head * (cells.fallen[cell] + 1.0)))
+
+
+@kernel
+def _exchanged(i: int, kind: int, other: int, received: float, given: float) -> float:
+    """Mass that an interface cell gains from another, were both full."""
+    if kind == other:
+        return received - given
+    if kind == NO_GAS or other == NO_FLUID:
+        return received + WEIGHT[i]
+    return -given - WEIGHT[i]
+
+
+@kernel
+def _pull(cell: int, lane: int, cells: Any, here: int, scratch: Any, flow: Any) -> None:
+    """Gather what moves into a cell; count what an interface cell gains."""
+    populations, flags, offsets = cells.populations, cells.flags, cells.offsets
+    ux, uy, uz = cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell]
+    square = ux * ux + uy * uy + uz * uz
+    at_surface = flags[cell] == INTERFACE
+    gained = 0.0
+    links = 0
+    for i in range(N_DIRECTIONS):
+        other, source = cell - offsets[i], i
+        leaving = populations[here, OPPOSITE[i], cell]
+        if flags[other] == SOLID:
+            axis = cells.axis[other]
+            if axis > 0 and VELOCITY[i, axis - 1] != 0:
+                # In a mirror: what comes from the wall has come from the neighbour along it.
+                step = VELOCITY[i, axis - 1] * offsets[2 * axis - 1]
+                if cells.axis[cell - step] == axis and flags[other + step] != SOLID:
+                    other, source = other + step, MIRRORED[axis - 1, i]
+        flag = flags[other]
+        if flag == SOLID and at_surface and _leaves(i, cell, other, cells):
+            flag = GAS
+        if flag == SOLID:
+            scratch[i, lane] = leaving
+            scratch[LINKS + links, lane] = i
+            links += 1
+        elif flag == GAS:
+            along = _C[i, 0] * ux + _C[i, 1] * uy + _C[i, 2] * uz
+            scratch[i, lane] = 2.0 * _W[i] * (4.5 * along * along - 1.5 * square) - leaving
+        else:
+            arriving = populations[here, source, other]
+            scratch[i, lane] = arriving
+            if at_surface and other != cell:
+                if flag == FLUID:
+                    gained += arriving - leaving
+                else:
+                    share = 0.5 * (cells.fill[cell] + cells.fill[other])
+                    kind, others = cells.kinds[cell], cells.kinds[other]
+                    gained += share * _exchanged(i, kind, others, arriving, leaving)
+    if at_surface:
+        cells.mass[cell] += gained
+    scratch[FORCE, lane] = flow.gravity_x
+    scratch[FORCE + 1, lane] = flow.gravity_y
+    scratch[FORCE + 2, lane] = flow.gravity_z
+    scratch[LIMIT, lane] = speed_limit(cell, cells, flow)
+    if links > 0:
+        _slide(cell, lane, cells, links, scratch, flow)
+        _adhere(lane, links, scratch, flow.adhesion)
+
+
+@kernel
+def _leaves(i: int, cell: int, wall: int, cells: Any) -> bool:
+    """Whether liquid at the surface moves away from a wall, which then has no hold on it.
+
+    Else the wall would suck: liquid that shoots over an edge would turn round it.
+    """
+    nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
+    across = nx * cells.velocity[0, cell] + ny * cells.velocity[1, cell]
+    across += nz * cells.velocity[2, cell]
+    outwards = nx * _C[i, 0] + ny * _C[i, 1] + nz * _C[i, 2]
+    return cells.slip[wall] > 0.5 and across * outwards > 0.0
+
+
+@kernel
+def _slide(cell: int, lane: int, cells: Any, links: int, scratch: Any, flow: Any) -> None:
+    """Let walls move along with the liquid, as far as they let it slip.
+
+    Along a slope, each tread of the staircase takes what its riser gives; both are noted, so that
+    none is lost or won (`interface.settle`).
+    """
+    # Populations have been pushed by half a step more than the velocity tells.
+    ux = cells.velocity[0, cell] + 0.5 * flow.gravity_x
+    uy = cells.velocity[1, cell] + 0.5 * flow.gravity_y
+    uz = cells.velocity[2, cell] + 0.5 * flow.gravity_z
+    for k in range(links):
+        i = int(scratch[LINKS + k, lane])
+        wall = cell - cells.offsets[i]
+        nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
+        across = ux * nx + uy * ny + uz * nz
+        along = (
+            _C[i, 0] * (ux - across * nx)
+            + _C[i, 1] * (uy - across * ny)
+            + _C[i, 2] * (uz - across * nz)
+        )
+        gain = 6.0 * WEIGHT[i] * cells.density[cell] * cells.slip[wall] * along
+        scratch[i, lane] += gain
+        cells.leaked[cell] += gain
+
+
+@kernel
+def _adhere(lane: int, links: int, scratch: Any, adhesion: float) -> None:
+    """Accelerate a cell towards the walls that it touches."""
+    x, y, z = 0.0, 0.0, 0.0
+    for k in range(links):
+        i = int(scratch[LINKS + k, lane])
+        x -= WEIGHT[i] * _C[i, 0]
+        y -= WEIGHT[i] * _C[i, 1]
+        z -= WEIGHT[i] * _C[i, 2]
+    factor = adhesion / np.sqrt(x * x + y * y + z * z + 1e-12)
+    scratch[FORCE, lane] += factor * x
+    scratch[FORCE + 1, lane] += factor * y
+    scratch[FORCE + 2, lane] += factor * z
+
+
+@kernel
+def _relax(scratch: Any, flow: Any) -> None:
+    """Relax 16 cells side by side, in place; leaves their density and velocity in scratch."""
+    zero = splat(0.0)
+    excess, jx, jy, jz = zero, zero, zero, zero
+    pxx, pyy, pzz, pxy, pxz, pyz = zero, zero, zero, zero, zero, zero
+    for i in range(N_DIRECTIONS):
+        f = load(scratch, i)
+        cx, cy, cz = _C[i, 0], _C[i, 1], _C[i, 2]
+        excess = excess + f
+        jx, jy, jz = jx + cx * f, jy + cy * f, jz + cz * f
+        pxx, pyy, pzz = pxx + cx * cx * f, pyy + cy * cy * f, pzz + cz * cz * f
+        pxy, pxz, pyz = pxy + cx * cy * f, pxz + cx * cz * f, pyz + cy * cz * f
+    density = excess + 1.0
+    gx, gy, gz = load(scratch, FORCE), load(scratch, FORCE + 1), load(scratch, FORCE + 2)
+    ux, uy, uz = jx / density + 0.5 * gx, jy / density + 0.5 * gy, jz / density + 0.5 * gz
+    speed = sqrt(ux * ux + uy * uy + uz * uz)
+    limit = load(scratch, LIMIT)
+    slowed = limit / maximum(speed, limit)
+    ux, uy, uz = ux * slowed, uy * slowed, uz * slowed
+    mx, my, mz = density * ux, density * uy, density * uz
+    fx, fy, fz = 0.5 * density * gx, 0.5 * density * gy, 0.5 * density * gz
+    # (u F + F u) / 2
+    wxx, wyy, wzz = 2.0 * ux * fx, 2.0 * uy * fy, 2.0 * uz * fz
+    wxy, wxz, wyz = ux * fy + uy * fx, ux * fz + uz * fx, uy * fz + uz * fy
+    pressure = excess / 3.0
+    qxx = pxx - pressure - mx * ux + wxx
+    qyy = pyy - pressure - my * uy + wyy
+    qzz = pzz - pressure - mz * uz + wzz
+    qxy, qxz, qyz = pxy - mx * uy + wxy, pxz - mx * uz + wxz, pyz - my * uz + wyz
+    stress = sqrt(qxx * qxx + qyy * qyy + qzz * qzz + 2.0 * (qxy * qxy + qxz * qxz + qyz * qyz))
+    tau = flow.relaxation_time
+    turbulent = 0.5 * (tau + sqrt(tau * tau + flow.smagorinsky * stress / density))
+    kept = 1.0 - 1.0 / turbulent
+    axx, ayy, azz = (
+        mx * ux + kept * qxx + wxx,
+        my * uy + kept * qyy + wyy,
+        mz * uz + kept * qzz + wzz,
+    )
+    axy, axz, ayz = (
+        mx * uy + kept * qxy + wxy,
+        mx * uz + kept * qxz + wxz,
+        my * uz + kept * qyz + wyz,
+    )
+    store(scratch, MOMENTS, density)
+    store(scratch, MOMENTS + 1, ux)
+    store(scratch, MOMENTS + 2, uy)
+    store(scratch, MOMENTS + 3, uz)
+    kx, ky, kz = mx + fx, my + fy, mz + fz
+    even = excess - 1.5 * (axx + ayy + azz)
+    for i in range(N_DIRECTIONS):
+        cx, cy, cz = _C[i, 0], _C[i, 1], _C[i, 2]
+        form = cx * cx * axx + cy * cy * ayy + cz * cz * azz
+        form = form + 2.0 * (cx * cy * axy + cx * cz * axz + cy * cz * ayz)
+        odd = cx * kx + cy * ky + cz * kz
+        store(scratch, i, _W[i] * (even + 3.0 * odd + 4.5 * form))
+
+
+@kernel
+def update(
+    first: int, last: int, active: Any, cells: Any, here: int, scratch: Any, flow: Any
+) -> None:
+    """Step the cells `active[first:last]`: from populations `here` to the others.
+
+    Each cell writes to itself alone, so that ranges can be stepped side by side.
+    """
+    there = 1 - here
+    for start in range(first, last, LANES):
+        count = min(LANES, last - start)
+        for lane in range(count):
+            _pull(active[start + lane], lane, cells, here, scratch, flow)
+        for lane in range(count, LANES):
+            for row in range(LINKS):
+                scratch[row, lane] = 0.0
+            scratch[LIMIT, lane] = TOP_SPEED
+        _relax(scratch, flow)
+        for lane in range(count):
+            cell = active[start + lane]
+            for i in range(N_DIRECTIONS):
+                cells.populations[there, i, cell] = scratch[i, lane]
+            cells.density[cell] = scratch[MOMENTS, lane]
+            for axis in range(3):
+                cells.velocity[axis, cell] = scratch[MOMENTS + 1 + axis, lane]

@@ -1,0 +1,370 @@
+"""A liquid on a lattice: from a start, step by step, with a time step that follows its speed."""
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pourcast.engine.simd import LANES
+from pourcast.errors import InputError
+from pourcast.stimuli.lattice_boltzmann.cells import Cells, Flow, new_cells, new_parts
+from pourcast.stimuli.lattice_boltzmann.collide import SCRATCH_ROWS, update
+from pourcast.stimuli.lattice_boltzmann.droplets import fly
+from pourcast.stimuli.lattice_boltzmann.interface import convert, settle
+from pourcast.stimuli.lattice_boltzmann.lattice import (
+    FLUID,
+    INTERFACE,
+    N_DIRECTIONS,
+    QUADRATIC,
+    VELOCITY,
+    WEIGHT,
+)
+
+GRAVITY = 9.81
+"""Standard gravity [m/s^2]."""
+
+_LONGEST_RELAXATION = 1.5
+"""Bound on the relaxation time: bounce-back walls move apart when it is long."""
+_EVERY = 16
+"""Steps between looks at the liquid's speed."""
+_HYSTERESIS = 0.7
+"""A longer step is taken when it would be longer by 1 / 0.7."""
+_SORT_EVERY = 64
+_THREAD_WORTH = 2048
+"""Cells that pay for another thread."""
+
+
+@dataclass(frozen=True)
+class LatticeSettings:
+    """How a flow is computed.
+
+    Parameters
+    ----------
+    courant
+        Speed that the fastest liquid has at most [cells per step]; errors grow with its square.
+    compressibility
+        Bound on gravity [cells per step^2], as Blender's fluid solver had it: the share by which a
+        layer of one cell is compressed by its weight is three times as much. Paper: 0.005.
+    smagorinsky
+        Constant of the sub-grid turbulence model.
+    threads
+        Worker threads; results don't depend on it.
+    """
+
+    courant: float = 0.15
+    compressibility: float = 0.005
+    smagorinsky: float = 0.1
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.courant <= 0.25:
+            raise InputError(f"courant must be in (0, 0.25], not {self.courant}")
+        if not 0.0 < self.compressibility <= 0.05:
+            raise InputError(f"compressibility must be in (0, 0.05], not {self.compressibility}")
+        if self.smagorinsky < 0.0:
+            raise InputError(f"smagorinsky must be at least 0, not {self.smagorinsky}")
+        if self.threads < 1:
+            raise InputError(f"threads must be at least 1, not {self.threads}")
+
+
+@dataclass
+class LatticeFlow:
+    """A liquid on a lattice.
+
+    Parameters
+    ----------
+    fill
+        Share of each cell that liquid fills at the start, shape [nx, ny, nz].
+    solid
+        Which cells are solid, shape [nx, ny, nz]. Outside of the grid all is solid.
+    cell
+        Width of a cell [m].
+    viscosity
+        Kinematic viscosity [m^2/s].
+    gravity
+        Acceleration [m/s^2].
+    adhesion
+        Acceleration of liquid at a wall towards it [m/s^2].
+    normal
+        Direction across the surface of solid cells, shape [3, nx + 2, ny + 2, nz + 2], with the
+        margin outside of the grid; by default that of the grid's walls.
+    slip
+        1 where walls let the liquid slip, 0 where they hold it.
+    periodic
+        Axes along which the grid goes on at its other end.
+    velocity
+        Of the liquid at the start [m/s], shape [3, nx, ny, nz]; at rest by default.
+    time_step
+        A fixed time step [s]; by default it follows the liquid's speed.
+    settings
+        How it is computed.
+    """
+
+    fill: NDArray[np.float64]
+    solid: NDArray[np.bool_]
+    cell: float
+    viscosity: float
+    gravity: Sequence[float] = (0.0, -GRAVITY, 0.0)
+    adhesion: float = 0.0
+    normal: NDArray[np.float32] | None = None
+    slip: float = 1.0
+    periodic: tuple[bool, bool, bool] = (False, False, False)
+    velocity: NDArray[np.float64] | None = None
+    time_step: float | None = None
+    settings: LatticeSettings = LatticeSettings()
+
+    time: float = field(default=0.0, init=False)
+    """Since the start [s]."""
+    steps: int = field(default=0, init=False)
+    updates: int = field(default=0, init=False)
+    """Cells stepped so far."""
+    dt: float = field(init=False)
+    """The current time step [s]."""
+
+    def __post_init__(self) -> None:
+        self.shape = self.solid.shape
+        padded = np.pad(self.solid, 1, constant_values=True)
+        normal = wall_normals(self.shape) if self.normal is None else self.normal
+        slip = np.full(padded.shape, self.slip, dtype=np.float32)
+        self._cells = new_cells(padded, normal, slip, self._fallen())
+        self._parts = new_parts(padded.size)
+        self._here = 0
+        self._scratch = np.zeros((self.settings.threads, SCRATCH_ROWS, LANES), dtype=np.float32)
+        fastest = 0.0
+        if self.velocity is not None:
+            fastest = float(np.linalg.norm(self.velocity, axis=0).max())
+        self.dt = self.time_step or self._step_for(fastest)
+        self._fill_cells()
+        self._flow = self._lattice_flow()
+
+    @property
+    def _longest_step(self) -> float:
+        """Longest time step [s] that compressibility and viscosity allow."""
+        pull = math.hypot(*self.gravity)
+        steps = [3e-2]
+        if pull > 0.0:
+            steps.append(math.sqrt(self.settings.compressibility * self.cell / pull))
+        if self.viscosity > 0.0:
+            steps.append((_LONGEST_RELAXATION - 0.5) / 3.0 * self.cell**2 / self.viscosity)
+        return min(steps)
+
+    def _step_for(self, speed: float) -> float:
+        """Time step [s] at which a speed [m/s] is as fast as settings allow."""
+        reached = speed + math.hypot(*self.gravity) * _EVERY * self._longest_step
+        return min(self._longest_step, self.settings.courant * self.cell / max(reached, 1e-9))
+
+    def _lattice_flow(self) -> Flow:
+        pull = [g * self.dt**2 / self.cell for g in self.gravity]
+        viscosity = self.viscosity * self.dt / self.cell**2
+        return Flow(
+            *pull,
+            head=2.0 * math.hypot(*pull),
+            adhesion=self.adhesion * self.dt**2 / self.cell,
+            viscosity=viscosity,
+            relaxation_time=0.5 + 3.0 * viscosity,
+            smagorinsky=18.0 * math.sqrt(2.0) * self.settings.smagorinsky**2,
+        )
+
+    def _fallen(self) -> NDArray[np.float32]:
+        """How far [cells] each cell lies below the highest liquid; without bound if it moves."""
+        pull = np.array(self.gravity)
+        padded = tuple(side + 2 for side in self.shape)
+        if self.velocity is not None or not pull.any() or any(self.periodic):
+            return np.full(padded, np.inf, dtype=np.float32)
+        down = np.tensordot(pull / np.linalg.norm(pull), np.indices(padded), axes=1)
+        top = down[1:-1, 1:-1, 1:-1][self.fill > 0.0].min(initial=np.inf)
+        return np.maximum(down - top, 0.0).astype(np.float32)
+
+    def _fill_cells(self) -> None:
+        """Put the liquid in: full cells next to empty ones are the surface."""
+        fill = np.pad(np.where(self.solid, 0.0, np.clip(self.fill, 0.0, 1.0)), 1)
+        fill[fill < 1e-3] = 0.0
+        empty = np.pad(~self.solid, 1) & (fill == 0.0)
+        beside = np.zeros_like(empty)
+        for shift in VELOCITY[1:]:
+            beside |= np.roll(empty, tuple(shift), axis=(0, 1, 2))
+        cells, parts = self._cells, self._parts
+        partly = (fill > 0.0) & ((fill < 1.0) | beside)
+        cells.flags[partly.ravel()] = INTERFACE
+        cells.flags[((fill == 1.0) & ~beside).ravel()] = FLUID
+        active = np.flatnonzero(fill.ravel() > 0.0)
+        parts.active[: len(active)] = active
+        parts.counts[0] = len(active)
+        cells.mass[active] = fill.ravel()[active]
+        if self.velocity is not None:
+            moving = np.pad(self.velocity, ((0, 0), (1, 1), (1, 1), (1, 1))) * self.dt / self.cell
+            cells.velocity[:] = moving.reshape(3, -1)
+        # As after a step, whose second half of the push is still to be felt.
+        gravity = np.array(self._lattice_flow()[:3])[:, None]
+        u = cells.velocity[:, active].astype(np.float64) + 0.5 * gravity
+        second = u[:, None] * u[None]
+        cells.populations[0][:, active] = WEIGHT[:, None] * (
+            3.0 * VELOCITY @ u + 4.5 * np.einsum("iab,abn->in", QUADRATIC, second)
+        )
+        settle(cells, parts)
+
+    def advance(self, until: float) -> None:
+        """Let the liquid flow until a time [s] since the start, or a step beyond it."""
+        with ThreadPoolExecutor(self.settings.threads) as pool:
+            while self.time < until - 1e-9:
+                count = min(_EVERY, math.ceil((until - self.time) / self.dt - 1e-9))
+                for _ in range(count):
+                    self._step(pool)
+                self.time += count * self.dt
+                self.steps += count
+                if self.time_step is None:
+                    self._choose_step()
+
+    def _step(self, pool: Executor) -> None:
+        cells, parts, flow = self._cells, self._parts, self._flow
+        self._wrap()
+        count = int(parts.counts[0])
+        threads = max(1, min(self.settings.threads, count // _THREAD_WORTH))
+        bounds = np.linspace(0, count, threads + 1).astype(int)
+        bounds[1:-1] -= bounds[1:-1] % LANES
+
+        def part(k: int) -> None:
+            first, last = int(bounds[k]), int(bounds[k + 1])
+            update(first, last, parts.active, cells, self._here, self._scratch[k], flow)
+
+        if threads == 1:
+            part(0)
+        else:
+            list(pool.map(part, range(threads)))
+        self._here = 1 - self._here
+        fly(cells, parts, self._here, flow)
+        convert(cells, parts, self._here, flow)
+        self.updates += count
+        if self.steps % _SORT_EVERY == 0:
+            # Neighbours side by side in memory are read faster.
+            parts.active[: parts.counts[0]].sort()
+
+    def _wrap(self) -> None:
+        """Copy what is at one end of a periodic axis to the margin at the other."""
+        shape = tuple(side + 2 for side in self.shape)
+        flags = self._cells.flags.reshape(shape)
+        populations = self._cells.populations[self._here].reshape(N_DIRECTIONS, *shape)
+        for axis in np.flatnonzero(self.periodic):
+            for grid, along in ((flags, axis), (populations, axis + 1)):
+                ends = np.moveaxis(grid, along, 0)
+                ends[0], ends[-1] = ends[-2], ends[1]
+
+    def _choose_step(self) -> None:
+        """Take another time step if the liquid has become too fast, or much slower."""
+        best = self._step_for(self.top_speed)
+        if self.dt <= best <= self.dt / _HYSTERESIS:
+            return
+        ratio = best / self.dt
+        before = self._flow
+        self.dt = best
+        self._flow = self._lattice_flow()
+        active = self.active
+        cells, parts = self._cells, self._parts
+        parts.owed[0] += rescale(cells, active, self._here, ratio, before, self._flow)
+        parts.droplets[3:6, : parts.counts[1]] *= ratio
+
+    @property
+    def active(self) -> NDArray[np.int32]:
+        """The cells that hold liquid, by their place in the padded grid."""
+        return self._parts.active[: self._parts.counts[0]]  # type: ignore[no-any-return]
+
+    @property
+    def top_speed(self) -> float:
+        """Speed of the fastest liquid [m/s]."""
+        parts, scale = self._parts, self.cell / self.dt
+        velocity = self._cells.velocity[:, self.active]
+        flying = parts.droplets[3:6, : parts.counts[1]]
+        squares = np.concatenate([(velocity**2).sum(axis=0), (flying**2).sum(axis=0), [0.0]])
+        return float(np.sqrt(squares.max())) * scale
+
+    @property
+    def mass(self) -> float:
+        """Volume of the liquid at rest density [m^3]."""
+        parts = self._parts
+        held = self._cells.mass[self.active].sum() + parts.droplets[6, : parts.counts[1]].sum()
+        return float(held + parts.owed[0]) * self.cell**3
+
+    def grid(self, name: str) -> NDArray[np.float64]:
+        """A field of the cells in SI units, without the margin.
+
+        Parameters
+        ----------
+        name
+            `fill` and `mass` (share of a cell), `density` (over that at rest), or `velocity`.
+        """
+        values = np.array(getattr(self._cells, name), dtype=np.float64)
+        liquid = np.zeros(values.shape[-1], dtype=bool)
+        liquid[self.active] = True
+        values[..., ~liquid] = 0.0
+        padded = values.reshape(*values.shape[:-1], *(side + 2 for side in self.shape))
+        scale = self.cell / self.dt if name == "velocity" else 1.0
+        return padded[..., 1:-1, 1:-1, 1:-1] * scale
+
+    @property
+    def droplets(self) -> NDArray[np.float64]:
+        """Position in the grid [m], velocity [m/s] and volume [m^3], shape [7, count]."""
+        found = self._parts.droplets[:, : self._parts.counts[1]].copy()
+        found[:3] = (found[:3] - 1.0) * self.cell
+        found[3:6] *= self.cell / self.dt
+        found[6] *= self.cell**3
+        return found  # type: ignore[no-any-return]
+
+
+def wall_normals(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Directions across the walls of a grid, for the margin around it.
+
+    Returns
+    -------
+    ndarray
+        Shape [3, nx + 2, ny + 2, nz + 2]; slanted in edges and corners, 0 inside.
+    """
+    normal = np.zeros((3, *(side + 2 for side in shape)), dtype=np.float32)
+    for axis in range(3):
+        ends = np.moveaxis(normal[axis], axis, 0)
+        ends[0], ends[-1] = 1.0, -1.0
+    return normal / np.maximum(np.linalg.norm(normal, axis=0), 1.0)
+
+
+def rescale(
+    cells: Cells, active: NDArray[np.int32], here: int, ratio: float, before: Flow, after: Flow
+) -> float:
+    """Restate populations for a time step that is `ratio` times as long.
+
+    Velocities grow by it, density's deviations by its square (Thuerey 2007, section 4.3), stress by
+    both viscosity and rate.
+
+    Returns
+    -------
+    float
+        Mass that full cells have lost [cells].
+    """
+    old = cells.populations[here][:, active].astype(np.float64)
+    density, velocity = 1.0 + old.sum(axis=0), cells.velocity[:, active].astype(np.float64)
+    gravity = np.array(before[:3])[:, None]
+    second = np.einsum("ia,ib,in->abn", VELOCITY, VELOCITY, old)
+    second -= np.eye(3)[:, :, None] * (density - 1.0) / 3.0
+    stress = second - density * (
+        velocity[:, None] * velocity[None]
+        + 0.5 * (velocity[:, None] * gravity[None] + gravity[:, None] * velocity[None])
+    )
+    relaxed = before.relaxation_time - 1.0
+    factor = ratio * (after.relaxation_time - 1.0) / relaxed if abs(relaxed) > 0.05 else 0.0
+    velocity *= ratio
+    new_density = 1.0 + ratio**2 * (density - 1.0)
+    gravity = np.array(after[:3])[:, None]
+    forced = 0.5 * (velocity[:, None] * gravity[None] + gravity[:, None] * velocity[None])
+    second = factor * stress + new_density * (velocity[:, None] * velocity[None] + forced)
+    first = new_density * (velocity + 0.5 * gravity)
+    cells.populations[here][:, active] = WEIGHT[:, None] * (
+        new_density - 1.0
+        + 3.0 * VELOCITY @ first
+        + 4.5 * np.einsum("iab,abn->in", QUADRATIC, second)
+    )  # fmt: skip
+    cells.density[active] = new_density
+    cells.velocity[:, active] = velocity
+    full = cells.flags[active] == FLUID
+    cells.mass[active[full]] = new_density[full]
+    return float((density - new_density)[full].sum())

@@ -1,0 +1,109 @@
+"""A liquid's pour as pictures need it: cells that it fills, drops that fly, picture by picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pourcast.files import replacing
+
+FULL = 255
+"""Value of a full cell."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A liquid at one moment.
+
+    Parameters
+    ----------
+    fill
+        How full each cell is, 0 to `FULL`, uint8, shape [nx, ny, nz]; all sides 0 if the liquid is
+        made of particles alone.
+    points
+        Position [m] and volume [m^3] of particles or drops, shape [count, 4].
+    """
+
+    fill: NDArray[np.uint8]
+    points: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Poured:
+    """A liquid's whole pour, in the scene's measure.
+
+    Parameters
+    ----------
+    moments
+        One for each picture of the film.
+    cell
+        Width of a cell [m].
+    origin
+        Corner of the first cell [m].
+    solid
+        Which cells are solid, shape [nx, ny, nz].
+    outcome
+        Share that ends in the right basin, or in the cup; NaN if it wasn't poured to the end.
+    stranded
+        Share that is still above the goal's rim at the end; NaN likewise.
+    """
+
+    moments: tuple[Moment, ...]
+    cell: float
+    origin: tuple[float, float, float]
+    solid: NDArray[np.bool_]
+    outcome: float
+    stranded: float
+
+    @property
+    def volume(self) -> float:
+        """Volume of the liquid at the start [m^3]."""
+        return volume_of(self.moments[0], self.cell)
+
+
+def volume_of(moment: Moment, cell: float) -> float:
+    """Volume of the liquid [m^3]."""
+    held = float(moment.fill.sum(dtype=np.float64)) / FULL * cell**3
+    return held + float(moment.points[:, 3].sum(dtype=np.float64))
+
+
+def save_poured(path: Path, poured: Poured) -> None:
+    """Keep a pour as an .npz file."""
+    counts = [len(moment.points) for moment in poured.moments]
+    with replacing(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            fill=np.stack([moment.fill for moment in poured.moments]),
+            points=np.concatenate([moment.points for moment in poured.moments]),
+            ends=np.cumsum(counts),
+            cell=poured.cell,
+            origin=poured.origin,
+            solid=poured.solid,
+            outcome=poured.outcome,
+            stranded=poured.stranded,
+        )
+
+
+def load_poured(path: Path) -> Poured:
+    """Read what `save_poured` kept."""
+    with np.load(path) as file:
+        fill, ends = file["fill"], file["ends"]
+        points = np.split(file["points"], ends[:-1])
+        x, y, z = (float(value) for value in file["origin"])
+        return Poured(
+            moments=moments_of(fill, points),
+            cell=float(file["cell"]),
+            origin=(x, y, z),
+            solid=file["solid"],
+            outcome=float(file["outcome"]),
+            stranded=float(file["stranded"]),
+        )
+
+
+def moments_of(
+    fill: Sequence[NDArray[np.uint8]] | NDArray[np.uint8], points: Sequence[NDArray[np.float32]]
+) -> tuple[Moment, ...]:
+    """Moments from their parts."""
+    return tuple(Moment(cells, drops) for cells, drops in zip(fill, points, strict=True))

@@ -1,0 +1,1 @@
+"""What pours a liquid for the pictures: one file each."""

@@ -1,0 +1,39 @@
+"""A piece of work that an executor can hand to a worker, on this machine or another."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+OnWork = Callable[[int, float], None]
+"""Called now and then with simulations that were done since the last call, and rough work [s]."""
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """What became of a task.
+
+    `done`: its result is kept. `busy`: another process is at it. `failed`: it raised an
+    error. `lost`: its worker died. `store`: the result couldn't be kept.
+    """
+
+    task: str
+    outcome: Literal["done", "busy", "failed", "lost", "store"]
+    message: str = ""
+
+
+class Task(Protocol):
+    """A piece of work; it can be pickled, and keeps its result by itself."""
+
+    @property
+    def id(self) -> str:
+        """Name of the task, different from all others'."""
+        ...
+
+    def run(self, on_work: OnWork | None = None) -> TaskResult:
+        """Do the work; never raises an ordinary error."""
+        ...
+
+
+def run_task(task: Task) -> TaskResult:
+    """Do a task; what workers that tell nobody of their progress are given."""
+    return task.run()
