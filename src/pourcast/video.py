@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -46,7 +47,7 @@ def write_film(
     flags = {"movflags": "faststart"} if path.suffix == ".mp4" else {}
     with av.open(str(path), "w", options={**flags, "fflags": "+bitexact"}) as container:
         container.metadata.update(metadata or {})
-        stream = container.add_stream(codec, rate=Fraction(FRAME_RATE))
+        stream: Any = container.add_stream(codec, rate=Fraction(FRAME_RATE))
         stream.pix_fmt = "yuv420p"
         stream.options = options
         for k in range(count):

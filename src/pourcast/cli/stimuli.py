@@ -83,6 +83,9 @@ def stimuli(
     real_size: Annotated[
         float, typer.Option(help="lbm: real length of that side, in metres (paper: 0.5).")
     ] = 0.5,
+    honey_viscosity: Annotated[
+        float | None, typer.Option(help="lbm: in Pa s (paper: 0.1 and 0.002; real honey: 10).")
+    ] = None,
     honey_slip: Annotated[
         float, typer.Option(help="lbm: 1 lets honey slip along walls (paper), 0 holds it.")
     ] = 1.0,
@@ -128,6 +131,7 @@ def stimuli(
         lattice={
             "resolution": resolution or (_PREVIEW_RESOLUTION if preview else None),
             "real_size": real_size,
+            "honey_viscosity": honey_viscosity,
             "honey_slip": honey_slip,
             "honey_adhesion": honey_adhesion,
         },

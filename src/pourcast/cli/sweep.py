@@ -303,7 +303,7 @@ def _run_part(plan: "Plan", store: "Store", shard: str) -> None:
     bad = False
     for result in run_part(plan, store, int(first), parts):
         bad |= result.outcome not in ("done", "busy")
-        typer.echo(f"shard {result.shard}: {result.outcome} {result.message}".rstrip(), err=True)
+        typer.echo(f"shard {result.task}: {result.outcome} {result.message}".rstrip(), err=True)
     if bad:
         raise typer.Exit(1)
 

@@ -163,11 +163,16 @@ class Stock:
             )
         self.study, self.scenes, self.practice = study, scenes, practice
         self.design, self._secret = design, secret
-        self.stimuli: StimulusSet | None = None
-        """What is shown: the set nearest to the paper's that has all of it."""
+        self._stimuli: StimulusSet | None = None
         self.files: dict[str, Path] = {}
         """Names handed out, and the files they stand for."""
         self._names: dict[tuple[str, str, bool], tuple[str, str]] = {}
+
+    @property
+    def stimuli(self) -> StimulusSet:
+        """What is shown, once it is prepared: the set nearest to the paper's that has all of it."""
+        assert self._stimuli is not None
+        return self._stimuli
 
     @property
     def digest(self) -> str:
@@ -191,7 +196,7 @@ class Stock:
         stimuli = best_set(self.study, wanted)
         if stimuli is None:
             stimuli = make_stimuli(self.study, wanted, QUICK, report=report)
-        self.stimuli = stimuli
+        self._stimuli = stimuli
         for one in shown:
             self._names[one.key] = self._handed_out(one, stimuli)
 

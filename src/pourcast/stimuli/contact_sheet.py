@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import av
-import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from pourcast.files import replacing
@@ -36,8 +35,8 @@ def write_contact_sheet(stimuli: StimulusSet, scenes: Sequence[Scene]) -> Path:
     Path
         The picture, in the set's folder. It tells the outcomes: not for participants.
     """
-    rows = [row for scene in scenes if (row := _row(stimuli, scene))]
-    columns = max((len(found) for _, found in rows), default=0) + 1
+    rows = [found for scene in scenes if (found := _row(stimuli, scene)) is not None]
+    columns = max((len(row) for _, row in rows), default=0)
     height = max((image.height for _, row in rows for image, _ in row), default=0)
     cell = (columns * (_WIDTH + _GAP) + 2 * _GAP, height + 2 * _LINE + _GAP)
     beside = min(_ROWS_BESIDE, max(1, len(rows)))
@@ -71,10 +70,7 @@ def _row(stimuli: StimulusSet, scene: Scene) -> tuple[str, list[tuple[Image.Imag
         return None
     start = _small(Image.open(stimuli.folder / found[0][0].still).convert("RGB"))
     ends = [
-        (
-            _small(Image.fromarray(last_picture(stimuli.folder / stimulus.film))),
-            _told(stimulus, how),
-        )
+        (_small(last_picture(stimuli.folder / stimulus.film)), _told(stimulus, how))
         for stimulus, how in found
         if stimulus.film is not None
     ]
@@ -93,10 +89,8 @@ def _small(image: Image.Image) -> Image.Image:
     return image.resize(size, Image.Resampling.LANCZOS)
 
 
-def last_picture(film: Path) -> np.ndarray:
-    """The last picture of a film: red, green, blue, shape [height, width, 3]."""
+def last_picture(film: Path) -> Image.Image:
+    """The last picture of a film."""
     with av.open(str(film)) as container:
-        frames = container.decode(video=0)
-        for frame in frames:
-            last = frame
-        return last.to_ndarray(format="rgb24")
+        *_, last = container.decode(video=0)
+        return Image.fromarray(last.to_ndarray(format="rgb24"))

@@ -100,9 +100,10 @@ def _opened(folder: Path, recipe: Recipe, replace: bool) -> StimulusSet:
     found = read_set(folder)
     if found is not None and found.manifest.recipe != recipe:
         if not replace:
+            difference = _difference(found.manifest.recipe, recipe)
             raise InputError(
-                f"{folder}: made with other settings ({_difference(found.manifest.recipe, recipe)}); "
-                "--replace makes all its stimuli anew"
+                f"{folder}: made with other settings ({difference}); --replace makes all its "
+                "stimuli anew"
             )
         found = None
     if found is None:

@@ -65,7 +65,8 @@ def picture_maker(scene: Scene, liquid: str, poured: Poured, width: int) -> Pict
         edge = np.gradient(gaussian_filter(_smooth(seen), width / 200.0))
         gleam = np.clip(edge[1] * -_LIGHT[0] + edge[0] * -_LIGHT[1], 0.0, 0.06) * 5.0
         image += (gleam * (1.0 - solid) * _smooth(seen))[..., None] * (_GLEAM - image)
-        return np.round(255.0 * np.clip(image, 0.0, 1.0)).astype(np.uint8)
+        pixels: NDArray[np.uint8] = np.round(255.0 * np.clip(image, 0.0, 1.0)).astype(np.uint8)
+        return pixels
 
     return picture
 
@@ -90,9 +91,8 @@ def _depth(
         for k, n in enumerate(depth.shape)
     ]
     np.add.at(depth, tuple(places), moment.points[:, 3] / (poured.cell**3 * layers))
-    spread = _stretched(
-        depth, poured.cell, (poured.origin[0], poured.origin[1]), box.width, box.height, size
-    )
+    sides = (box.width, box.height)
+    spread = _stretched(depth, poured.cell, poured.origin, sides, size)
     return spread, (spread * layers - _THIN) / (_THICK - _THIN)
 
 
@@ -109,19 +109,22 @@ def _depth_of_particles(
     # 1 in the middle of a single particle
     field = gaussian_filter(counts, blur) * np.float32(2.0 * np.pi * blur**2)
     cell = box.width / shape[0]
-    spread = _stretched(field, cell, (0.0, 0.0), box.width, box.height, size)
+    spread = _stretched(field, cell, (0.0, 0.0, 0.0), (box.width, box.height), size)
     return spread * (spacing / box.depth), (spread - 0.35) / 0.25
 
 
 def _stretched(
-    field: Array, cell: float, origin: tuple[float, float], width: float, height: float,
+    field: Array,
+    cell: float,
+    origin: tuple[float, float, float],
+    sides: tuple[float, float],
     size: tuple[int, int],
-) -> Array:  # fmt: skip
+) -> Array:
     """A field over x and y as the pixels of a picture, the highest row first."""
     rows = np.pad(field.T[::-1], 1, mode="edge")
     left = 1.0 - origin[0] / cell
     bottom = rows.shape[0] - 1.0 + origin[1] / cell
-    place = (left, max(0.0, bottom - height / cell), left + width / cell, bottom)
+    place = (left, max(0.0, bottom - sides[1] / cell), left + sides[0] / cell, bottom)
     image = Image.fromarray(np.ascontiguousarray(rows, dtype=np.float32))
     right = min(place[2], float(rows.shape[1]))
     return np.asarray(image.resize(size, Image.Resampling.BICUBIC, box=(*place[:2], right, bottom)))
@@ -159,4 +162,5 @@ def _lighting(mask: Array, scale: float) -> Array:
     height = np.minimum(distance_transform_edt(mask > 0.5), _BEVEL * scale)
     slope = np.gradient(gaussian_filter(height, 0.15 * _BEVEL * scale))
     tilt = slope[1] * -_LIGHT[0] + slope[0] * -_LIGHT[1]
-    return (1.0 - 0.35 * np.clip(-tilt, -1.0, 1.0)).astype(np.float32)
+    brightness: Array = (1.0 - 0.35 * np.clip(-tilt, -1.0, 1.0)).astype(np.float32)
+    return brightness

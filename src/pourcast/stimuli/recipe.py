@@ -28,6 +28,9 @@ class LatticeRecipe(_Frozen):
     real_size
         Real length of that side [m]. Water in a small box falls and comes to rest sooner; paper:
         0.5.
+    honey_viscosity
+        [Pa s]; paper: 0.1 in Experiment 1 and 0.002 in Experiment 2, which is the default. Real
+        honey has some 10.
     honey_slip
         1 lets honey slip along walls, as in the paper; 0 holds it.
     honey_adhesion
@@ -37,6 +40,7 @@ class LatticeRecipe(_Frozen):
     solver: Literal["lbm"] = "lbm"
     resolution: int = Field(default=100, ge=20, le=600)
     real_size: float = Field(default=0.5, gt=0.0, le=20.0)
+    honey_viscosity: float | None = Field(default=None, gt=0.0, le=1000.0)
     honey_slip: float = Field(default=1.0, ge=0.0, le=1.0)
     honey_adhesion: float = Field(default=0.0, ge=0.0, le=100.0)
 

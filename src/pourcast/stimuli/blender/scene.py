@@ -11,10 +11,13 @@ This file imports nothing of pourcast: Blender has a Python of its own.
 import json
 import os
 import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 WALL = (0.80, 0.80, 0.77)
 OBSTACLE = (0.105, 0.13, 0.16)
@@ -27,13 +30,12 @@ THICKNESS = 0.02
 DISTANCE = 4.5
 
 
-def main(path):
+def main(path: str) -> None:
+    """Do what a job file says."""
     job = json.loads(Path(path).read_text(encoding="utf-8"))
     parent = os.getppid()
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    from addon_utils import enable  # there once bpy is
-
-    enable("cycles")  # an empty file forgets it
+    bpy.ops.preferences.addon_enable(module="cycles")  # an empty file forgets it
     build_box(job["box"])
     for polygons, name, colour in (
         (job["obstacles"], "obstacle", OBSTACLE),
@@ -59,12 +61,14 @@ def main(path):
         print("picture done", flush=True)
 
 
-def upright(vertices):
+def upright(vertices: Any) -> Any:
     """From the scene's axes (y up, z into the screen) to Blender's."""
     return np.asarray(vertices, dtype=np.float32).reshape(-1, 3)[:, [0, 2, 1]]
 
 
-def extruded(polygon, depth):
+def extruded(
+    polygon: Sequence[Sequence[float]], depth: float
+) -> tuple[list[tuple[float, float, float]], list[tuple[int, ...]]]:
     """Prism of a polygon: vertices, and faces as lists of places."""
     count = len(polygon)
     vertices = [(x, 0.0, y) for x, y in polygon] + [(x, depth, y) for x, y in polygon]
@@ -74,7 +78,10 @@ def extruded(polygon, depth):
     return vertices, [front, back, *sides]
 
 
-def add_mesh(name, vertices, faces, material, smooth=False):
+def add_mesh(
+    name: str, vertices: Iterable[Any], faces: Iterable[Any], material: Any, smooth: bool = False
+) -> Any:
+    """Put a body into the scene; solids get a narrow bevel, liquids a smooth surface."""
     mesh = bpy.data.meshes.new(name)
     corners = [tuple(int(k) for k in face) for face in faces]
     mesh.from_pydata([tuple(float(v) for v in vertex) for vertex in vertices], [], corners)
@@ -92,14 +99,15 @@ def add_mesh(name, vertices, faces, material, smooth=False):
     return body
 
 
-def slab(name, low, high, material):
+def slab(name: str, low: Sequence[float], high: Sequence[float], material: Any) -> None:
+    """Put a block into the scene, given two of its corners."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     polygon = [(x0, z0), (x1, z0), (x1, z1), (x0, z1)]
     vertices, faces = extruded(polygon, y1 - y0)
     add_mesh(name, [(x, y + y0, z) for x, y, z in vertices], faces, material)
 
 
-def build_box(box):
+def build_box(box: dict[str, float]) -> None:
     """Floor, side walls and a back wall; the front is open to the eye."""
     wall, t = matte("wall", WALL), THICKNESS
     width, height, depth = box["width"], box["height"], box["depth"]
@@ -110,7 +118,8 @@ def build_box(box):
     slab("right", (width, 0.0, 0.0), (width + t, depth, height), side)
 
 
-def matte(name, colour):
+def matte(name: str, colour: tuple[float, ...]) -> Any:
+    """Make a material without gloss."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     shader = material.node_tree.nodes["Principled BSDF"]
@@ -119,7 +128,7 @@ def matte(name, colour):
     return material
 
 
-def liquid_material(liquid):
+def liquid_material(liquid: str) -> Any:
     """The paper's mix of diffuse and glass."""
     material = bpy.data.materials.new("liquid")
     material.use_nodes = True
@@ -142,7 +151,8 @@ def liquid_material(liquid):
     return material
 
 
-def light(box):
+def light(box: dict[str, float]) -> None:
+    """Put lamps and surrounding light into the scene."""
     width, height = box["width"], box["height"]
     add_lamp("key", (0.1 * width, -1.6, height + 1.0), (width / 2, 0.0, 0.5 * height), 1.6, 48.0)
     add_lamp("fill", (width + 1.4, -1.8, 0.5 * height), (width / 2, 0.0, 0.4 * height), 1.2, 16.0)
@@ -153,7 +163,10 @@ def light(box):
     world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.45
 
 
-def add_lamp(name, place, target, size, power):
+def add_lamp(
+    name: str, place: Sequence[float], target: Sequence[float], size: float, power: float
+) -> None:
+    """Put a square lamp into the scene; `power` in watts."""
     data = bpy.data.lights.new(name, "AREA")
     data.size, data.energy = size, power
     lamp = bpy.data.objects.new(name, data)
@@ -162,14 +175,13 @@ def add_lamp(name, place, target, size, power):
     bpy.context.collection.objects.link(lamp)
 
 
-def look_at(body, target):
-    from mathutils import Vector
-
+def look_at(body: Any, target: Sequence[float]) -> None:
+    """Turn a lamp or camera towards a point."""
     direction = Vector(target) - body.location
     body.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
 
 
-def aim(box, size):
+def aim(box: dict[str, float], size: Sequence[int]) -> None:
     """Put the camera straight in front, far enough that the whole box is in the picture."""
     width, height = box["width"] + 2 * THICKNESS, box["height"] + THICKNESS
     middle = (box["width"] / 2, 0.0, (box["height"] - THICKNESS) / 2)
@@ -185,7 +197,8 @@ def aim(box, size):
     bpy.context.scene.camera = camera
 
 
-def configure(job):
+def configure(job: dict[str, Any]) -> None:
+    """Choose renderer, quality and size."""
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"
@@ -206,7 +219,7 @@ def configure(job):
         scene.render.threads = job["threads"]
 
 
-def render(picture):
+def render(picture: Path) -> None:
     """Render to a temporary name first: a picture is whole or not there."""
     temporary = picture.with_name(f".{picture.name}")
     bpy.context.scene.render.filepath = str(temporary)

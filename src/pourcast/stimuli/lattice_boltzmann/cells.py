@@ -4,19 +4,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, generate_binary_structure
 
 from pourcast.stimuli.lattice_boltzmann.lattice import GAS, N_DIRECTIONS, SOLID, STANDARD, VELOCITY
 
 _ALONG_AXIS = 0.999
+_NEIGHBOURS = generate_binary_structure(3, 2)
 
 
 class Cells(NamedTuple):
     """State of all cells, in lattice units; `n` counts the margin, too."""
 
     populations: Any
-    """Populations less their weights, float32, shape [2, 19, n]: before and after a step."""
+    """Populations less their weights, float32, shape [2, n, 19]: before and after a step."""
     flags: Any
     """GAS, INTERFACE, FLUID or SOLID, shape [n]."""
+    walled: Any
+    """Whether a neighbour is solid, shape [n]."""
     kinds: Any
     """Of an interface cell: STANDARD, NO_FLUID or NO_GAS, shape [n]."""
     density: Any
@@ -110,19 +114,19 @@ def new_cells(
     _, ny, nz = solid.shape
     strides = np.array([ny * nz, nz, 1])
     across = np.abs(normal.reshape(3, n)) > _ALONG_AXIS
-    across &= slip.ravel() == 1.0
+    across &= solid.ravel() & (slip.ravel() == 1.0)
+    axis = np.where(across.any(axis=0), 1 + across.argmax(axis=0), 0)
     return Cells(
-        populations=np.zeros((2, N_DIRECTIONS, n), dtype=np.float32),
+        populations=np.zeros((2, n, N_DIRECTIONS), dtype=np.float32),
         flags=np.where(solid.ravel(), SOLID, GAS).astype(np.uint8),
+        walled=binary_dilation(solid, _NEIGHBOURS).ravel(),
         kinds=np.full(n, STANDARD, dtype=np.uint8),
         density=np.ones(n, dtype=np.float32),
         velocity=np.zeros((3, n), dtype=np.float32),
         mass=np.zeros(n),
         fill=np.zeros(n, dtype=np.float32),
         normal=np.ascontiguousarray(normal.reshape(3, n), dtype=np.float32),
-        axis=np.where(solid.ravel() & across.any(axis=0), 1 + across.argmax(axis=0), 0).astype(
-            np.uint8
-        ),
+        axis=axis.astype(np.uint8),
         slip=np.ascontiguousarray(slip.ravel(), dtype=np.float32),
         leaked=np.zeros(n),
         fallen=np.ascontiguousarray(fallen.ravel(), dtype=np.float32),

@@ -6,8 +6,8 @@ back from a wall that moves along with the liquid as far as it lets it slip: wit
 motion along a surface is kept exactly, whatever staircase of cells stands for the slope.
 
 Relaxation is regularised (Latt & Chopard 2006, Math. Comput. Simul. 72), with the force F of Guo,
-Zheng & Shi (2002, Phys. Rev. E 65) and Smagorinsky's sub-grid viscosity in the closed form of Hou et
-al. (1996). With Pi the non-equilibrium part of the second moment,
+Zheng & Shi (2002, Phys. Rev. E 65) and Smagorinsky's sub-grid viscosity in the closed form of
+Hou et al. (1996). With Pi the non-equilibrium part of the second moment,
 
     f_i = w_i [rho + 3 c_i . (rho u + F / 2) + 9/2 (c_i c_i - I / 3) : A],
     A   = rho u u + (1 - 1 / tau) Pi + (u F + F u) / 2.
@@ -47,14 +47,14 @@ FORCE = MOMENTS + 4
 LIMIT = FORCE + 3
 LINKS = LIMIT + 1
 SCRATCH_ROWS = LINKS + N_DIRECTIONS
-"""Rows of scratch: populations, density and velocity, acceleration, greatest speed, links to walls."""
+"""Rows of scratch: populations, density and velocity, push, greatest speed, links to walls."""
 
 _C = VELOCITY.astype(np.float32)
 _W = WEIGHT.astype(np.float32)
 
 
 @kernel
-def equilibrium(i: int, density: float, ux: float, uy: float, uz: float) -> float:
+def equilibrium(i: int, density: float, ux: float, uy: float, uz: float) -> Any:
     """Population of direction `i` in a liquid that moves evenly, less its weight."""
     along = _C[i, 0] * ux + _C[i, 1] * uy + _C[i, 2] * uz
     square = ux * ux + uy * uy + uz * uz
@@ -62,7 +62,7 @@ def equilibrium(i: int, density: float, ux: float, uy: float, uz: float) -> floa
 
 
 @kernel
-def speed_limit(cell: int, cells: Any, flow: Any) -> float:
+def speed_limit(cell: int, cells: Any, flow: Any) -> Any:
     """Speed of a body that fell to a cell from the liquid's highest point at the start.
 
     Populations weigh alike in full cells and in nearly empty ones; without a bound, a splash that
@@ -72,7 +72,7 @@ def speed_limit(cell: int, cells: Any, flow: Any) -> float:
 
 
 @kernel
-def _exchanged(i: int, kind: int, other: int, received: float, given: float) -> float:
+def _exchanged(i: int, kind: int, other: int, received: float, given: float) -> Any:
     """Mass that an interface cell gains from another, were both full."""
     if kind == other:
         return received - given
@@ -82,24 +82,54 @@ def _exchanged(i: int, kind: int, other: int, received: float, given: float) -> 
 
 
 @kernel
-def _pull(cell: int, lane: int, cells: Any, here: int, scratch: Any, flow: Any) -> None:
+def _pull(cell: int, lane: int, cells: Any, before: Any, scratch: Any, flow: Any) -> None:
     """Gather what moves into a cell; count what an interface cell gains."""
-    populations, flags, offsets = cells.populations, cells.flags, cells.offsets
+    scratch[FORCE, lane] = flow.gravity_x
+    scratch[FORCE + 1, lane] = flow.gravity_y
+    scratch[FORCE + 2, lane] = flow.gravity_z
+    scratch[LIMIT, lane] = speed_limit(cell, cells, flow)
+    if cells.walled[cell]:
+        _pull_at_wall(cell, lane, cells, before, scratch, flow)
+    elif cells.flags[cell] == INTERFACE:
+        _pull_at_surface(cell, lane, cells, before, scratch)
+    else:
+        for i in range(N_DIRECTIONS):
+            scratch[i, lane] = before[cell - cells.offsets[i], i]
+
+
+@kernel
+def _pull_at_surface(cell: int, lane: int, cells: Any, before: Any, scratch: Any) -> None:
+    """Gather what moves into an interface cell far from walls."""
     ux, uy, uz = cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell]
     square = ux * ux + uy * uy + uz * uz
+    fill, kind = cells.fill[cell], cells.kinds[cell]
+    scratch[0, lane] = before[cell, 0]
+    gained = 0.0
+    for i in range(1, N_DIRECTIONS):
+        other = cell - cells.offsets[i]
+        leaving = before[cell, OPPOSITE[i]]
+        if cells.flags[other] == GAS:
+            scratch[i, lane] = _from_gas(i, ux, uy, uz, square) - leaving
+        else:
+            arriving = before[other, i]
+            scratch[i, lane] = arriving
+            gained += _gained(i, fill, kind, other, cells, arriving, leaving)
+    cells.mass[cell] += gained
+
+
+@kernel
+def _pull_at_wall(cell: int, lane: int, cells: Any, before: Any, scratch: Any, flow: Any) -> None:
+    """Gather what moves into a cell that touches a wall."""
+    flags = cells.flags
+    ux, uy, uz = cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell]
+    square = ux * ux + uy * uy + uz * uz
+    fill, kind = cells.fill[cell], cells.kinds[cell]
     at_surface = flags[cell] == INTERFACE
     gained = 0.0
     links = 0
     for i in range(N_DIRECTIONS):
-        other, source = cell - offsets[i], i
-        leaving = populations[here, OPPOSITE[i], cell]
-        if flags[other] == SOLID:
-            axis = cells.axis[other]
-            if axis > 0 and VELOCITY[i, axis - 1] != 0:
-                # In a mirror: what comes from the wall has come from the neighbour along it.
-                step = VELOCITY[i, axis - 1] * offsets[2 * axis - 1]
-                if cells.axis[cell - step] == axis and flags[other + step] != SOLID:
-                    other, source = other + step, MIRRORED[axis - 1, i]
+        other, source = _source(i, cell, cells)
+        leaving = before[cell, OPPOSITE[i]]
         flag = flags[other]
         if flag == SOLID and at_surface and _leaves(i, cell, other, cells):
             flag = GAS
@@ -108,31 +138,55 @@ def _pull(cell: int, lane: int, cells: Any, here: int, scratch: Any, flow: Any) 
             scratch[LINKS + links, lane] = i
             links += 1
         elif flag == GAS:
-            along = _C[i, 0] * ux + _C[i, 1] * uy + _C[i, 2] * uz
-            scratch[i, lane] = 2.0 * _W[i] * (4.5 * along * along - 1.5 * square) - leaving
+            scratch[i, lane] = _from_gas(i, ux, uy, uz, square) - leaving
         else:
-            arriving = populations[here, source, other]
+            arriving = before[other, source]
             scratch[i, lane] = arriving
             if at_surface and other != cell:
-                if flag == FLUID:
-                    gained += arriving - leaving
-                else:
-                    share = 0.5 * (cells.fill[cell] + cells.fill[other])
-                    kind, others = cells.kinds[cell], cells.kinds[other]
-                    gained += share * _exchanged(i, kind, others, arriving, leaving)
+                gained += _gained(i, fill, kind, other, cells, arriving, leaving)
     if at_surface:
         cells.mass[cell] += gained
-    scratch[FORCE, lane] = flow.gravity_x
-    scratch[FORCE + 1, lane] = flow.gravity_y
-    scratch[FORCE + 2, lane] = flow.gravity_z
-    scratch[LIMIT, lane] = speed_limit(cell, cells, flow)
     if links > 0:
         _slide(cell, lane, cells, links, scratch, flow)
         _adhere(lane, links, scratch, flow.adhesion)
 
 
 @kernel
-def _leaves(i: int, cell: int, wall: int, cells: Any) -> bool:
+def _source(i: int, cell: int, cells: Any) -> Any:
+    """Where a population comes from, and which it was there.
+
+    A wall across an axis that lets liquid slip is a mirror: what comes from it has come from the
+    neighbour along it.
+    """
+    other = cell - cells.offsets[i]
+    axis = cells.axis[other] if cells.flags[other] == SOLID else 0
+    if axis > 0 and VELOCITY[i, axis - 1] != 0:
+        step = VELOCITY[i, axis - 1] * cells.offsets[2 * axis - 1]
+        if cells.axis[cell - step] == axis and cells.flags[other + step] != SOLID:
+            return other + step, MIRRORED[axis - 1, i]
+    return other, i
+
+
+@kernel
+def _from_gas(i: int, ux: float, uy: float, uz: float, square: float) -> Any:
+    """Populations `i` and its opposite in a liquid as dense as at rest, together."""
+    along = _C[i, 0] * ux + _C[i, 1] * uy + _C[i, 2] * uz
+    return 2.0 * _W[i] * (4.5 * along * along - 1.5 * square)
+
+
+@kernel
+def _gained(
+    i: int, fill: float, kind: int, other: int, cells: Any, arriving: float, leaving: float
+) -> Any:
+    """Mass that an interface cell gains from a neighbour."""
+    if cells.flags[other] == FLUID:
+        return arriving - leaving
+    share = 0.5 * (fill + cells.fill[other])
+    return share * _exchanged(i, kind, cells.kinds[other], arriving, leaving)
+
+
+@kernel
+def _leaves(i: int, cell: int, wall: int, cells: Any) -> Any:
     """Whether liquid at the surface moves away from a wall, which then has no hold on it.
 
     Else the wall would suck: liquid that shoots over an edge would turn round it.
@@ -251,11 +305,11 @@ def update(
 
     Each cell writes to itself alone, so that ranges can be stepped side by side.
     """
-    there = 1 - here
+    before, after = cells.populations[here], cells.populations[1 - here]
     for start in range(first, last, LANES):
         count = min(LANES, last - start)
         for lane in range(count):
-            _pull(active[start + lane], lane, cells, here, scratch, flow)
+            _pull(active[start + lane], lane, cells, before, scratch, flow)
         for lane in range(count, LANES):
             for row in range(LINKS):
                 scratch[row, lane] = 0.0
@@ -264,7 +318,7 @@ def update(
         for lane in range(count):
             cell = active[start + lane]
             for i in range(N_DIRECTIONS):
-                cells.populations[there, i, cell] = scratch[i, lane]
+                after[cell, i] = scratch[i, lane]
             cells.density[cell] = scratch[MOMENTS, lane]
             for axis in range(3):
                 cells.velocity[axis, cell] = scratch[MOMENTS + 1 + axis, lane]

@@ -57,7 +57,7 @@ def fly(cells: Any, parts: Any, there: int, flow: Any) -> None:
 
 
 @kernel
-def _cell(x: float, y: float, z: float, cells: Any) -> int:
+def _cell(x: float, y: float, z: float, cells: Any) -> Any:
     return int(x) * cells.offsets[1] + int(y) * cells.offsets[3] + int(z)
 
 
@@ -119,7 +119,7 @@ def _join(k: int, cell: int, cells: Any, parts: Any, there: int) -> None:
     vz = uz + share * (drops[5, k] - uz)
     for i in range(N_DIRECTIONS):
         change = equilibrium(i, density, vx, vy, vz) - equilibrium(i, density, ux, uy, uz)
-        cells.populations[there, i, cell] += change
+        cells.populations[there, cell, i] += change
     cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell] = vx, vy, vz
     if cells.flags[cell] == INTERFACE:
         cells.mass[cell] += mass

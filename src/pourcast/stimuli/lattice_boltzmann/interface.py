@@ -125,7 +125,7 @@ def move_evenly(
     cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell] = ux, uy, uz
     vx, vy, vz = ux + 0.5 * flow.gravity_x, uy + 0.5 * flow.gravity_y, uz + 0.5 * flow.gravity_z
     for i in range(N_DIRECTIONS):
-        cells.populations[there, i, cell] = equilibrium(i, density, vx, vy, vz)
+        cells.populations[there, cell, i] = equilibrium(i, density, vx, vy, vz)
 
 
 @kernel
@@ -170,7 +170,7 @@ def hand_out(mass: float, cell: int, side: float, cells: Any, parts: Any) -> Non
 
 
 @kernel
-def _outwards(i: int, nx: float, ny: float, nz: float) -> float:
+def _outwards(i: int, nx: float, ny: float, nz: float) -> Any:
     return max(0.0, VELOCITY[i, 0] * nx + VELOCITY[i, 1] * ny + VELOCITY[i, 2] * nz)
 
 

@@ -39,7 +39,7 @@ QUADRATIC = VELOCITY[:, :, None] * VELOCITY[:, None, :] - np.eye(3) / 3.0
 """c c - I / 3 of each direction, shape [19, 3, 3]."""
 
 GAS, INTERFACE, FLUID, SOLID = range(4)
-"""What a cell is: without liquid; at the liquid's surface, partly filled; full; or no place for it."""
+"""What a cell is: without liquid; at its surface, partly filled; full; or no place for it."""
 
 STANDARD, NO_FLUID, NO_GAS = range(3)
 """What an interface cell touches: both sides, no full cell, no empty cell (Thuerey 2007, 4.2)."""

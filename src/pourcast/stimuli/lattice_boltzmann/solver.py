@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pourcast.engine.simd import LANES
 from pourcast.errors import InputError
-from pourcast.stimuli.lattice_boltzmann.cells import Cells, Flow, new_cells, new_parts
+from pourcast.stimuli.lattice_boltzmann.cells import Flow, new_cells, new_parts
 from pourcast.stimuli.lattice_boltzmann.collide import SCRATCH_ROWS, update
 from pourcast.stimuli.lattice_boltzmann.droplets import fly
 from pourcast.stimuli.lattice_boltzmann.interface import convert, settle
@@ -22,6 +22,7 @@ from pourcast.stimuli.lattice_boltzmann.lattice import (
     VELOCITY,
     WEIGHT,
 )
+from pourcast.stimuli.lattice_boltzmann.rescale import rescale
 
 GRAVITY = 9.81
 """Standard gravity [m/s^2]."""
@@ -30,9 +31,8 @@ _LONGEST_RELAXATION = 1.5
 """Bound on the relaxation time: bounce-back walls move apart when it is long."""
 _EVERY = 16
 """Steps between looks at the liquid's speed."""
-_HYSTERESIS = 0.7
-"""A longer step is taken when it would be longer by 1 / 0.7."""
-_SORT_EVERY = 64
+_HYSTERESIS = 0.85
+"""Share of the longest step that is taken, so that another is not needed at once."""
 _THREAD_WORTH = 2048
 """Cells that pay for another thread."""
 
@@ -157,11 +157,13 @@ class LatticeFlow:
         return min(self._longest_step, self.settings.courant * self.cell / max(reached, 1e-9))
 
     def _lattice_flow(self) -> Flow:
-        pull = [g * self.dt**2 / self.cell for g in self.gravity]
+        pull_x, pull_y, pull_z = (g * self.dt**2 / self.cell for g in self.gravity)
         viscosity = self.viscosity * self.dt / self.cell**2
         return Flow(
-            *pull,
-            head=2.0 * math.hypot(*pull),
+            gravity_x=pull_x,
+            gravity_y=pull_y,
+            gravity_z=pull_z,
+            head=2.0 * math.hypot(pull_x, pull_y, pull_z),
             adhesion=self.adhesion * self.dt**2 / self.cell,
             viscosity=viscosity,
             relaxation_time=0.5 + 3.0 * viscosity,
@@ -176,7 +178,8 @@ class LatticeFlow:
             return np.full(padded, np.inf, dtype=np.float32)
         down = np.tensordot(pull / np.linalg.norm(pull), np.indices(padded), axes=1)
         top = down[1:-1, 1:-1, 1:-1][self.fill > 0.0].min(initial=np.inf)
-        return np.maximum(down - top, 0.0).astype(np.float32)
+        fallen: NDArray[np.float32] = np.maximum(down - top, 0.0).astype(np.float32)
+        return fallen
 
     def _fill_cells(self) -> None:
         """Put the liquid in: full cells next to empty ones are the surface."""
@@ -201,15 +204,16 @@ class LatticeFlow:
         gravity = np.array(self._lattice_flow()[:3])[:, None]
         u = cells.velocity[:, active].astype(np.float64) + 0.5 * gravity
         second = u[:, None] * u[None]
-        cells.populations[0][:, active] = WEIGHT[:, None] * (
-            3.0 * VELOCITY @ u + 4.5 * np.einsum("iab,abn->in", QUADRATIC, second)
-        )
+        shape = 3.0 * VELOCITY @ u + 4.5 * np.einsum("iab,abn->in", QUADRATIC, second)
+        cells.populations[0, active] = (WEIGHT[:, None] * shape).T
         settle(cells, parts)
 
     def advance(self, until: float) -> None:
         """Let the liquid flow until a time [s] since the start, or a step beyond it."""
         with ThreadPoolExecutor(self.settings.threads) as pool:
             while self.time < until - 1e-9:
+                # Neighbours side by side in memory are read faster.
+                self.active.sort()
                 count = min(_EVERY, math.ceil((until - self.time) / self.dt - 1e-9))
                 for _ in range(count):
                     self._step(pool)
@@ -238,33 +242,27 @@ class LatticeFlow:
         fly(cells, parts, self._here, flow)
         convert(cells, parts, self._here, flow)
         self.updates += count
-        if self.steps % _SORT_EVERY == 0:
-            # Neighbours side by side in memory are read faster.
-            parts.active[: parts.counts[0]].sort()
 
     def _wrap(self) -> None:
         """Copy what is at one end of a periodic axis to the margin at the other."""
         shape = tuple(side + 2 for side in self.shape)
         flags = self._cells.flags.reshape(shape)
-        populations = self._cells.populations[self._here].reshape(N_DIRECTIONS, *shape)
+        populations = self._cells.populations[self._here].reshape(*shape, N_DIRECTIONS)
         for axis in np.flatnonzero(self.periodic):
-            for grid, along in ((flags, axis), (populations, axis + 1)):
-                ends = np.moveaxis(grid, along, 0)
+            for grid in (flags, populations):
+                ends = np.moveaxis(grid, axis, 0)
                 ends[0], ends[-1] = ends[-2], ends[1]
 
     def _choose_step(self) -> None:
         """Take another time step if the liquid has become too fast, or much slower."""
         best = self._step_for(self.top_speed)
-        if self.dt <= best <= self.dt / _HYSTERESIS:
+        if self.dt <= best <= self.dt / _HYSTERESIS**2:
             return
-        ratio = best / self.dt
-        before = self._flow
-        self.dt = best
+        wanted = _HYSTERESIS * best  # with room to become faster
+        ratio, before = wanted / self.dt, self._flow
+        self.dt = wanted
         self._flow = self._lattice_flow()
-        active = self.active
-        cells, parts = self._cells, self._parts
-        parts.owed[0] += rescale(cells, active, self._here, ratio, before, self._flow)
-        parts.droplets[3:6, : parts.counts[1]] *= ratio
+        rescale(self._cells, self._parts, self._here, ratio, before, self._flow)
 
     @property
     def active(self) -> NDArray[np.int32]:
@@ -325,46 +323,5 @@ def wall_normals(shape: tuple[int, ...]) -> NDArray[np.float32]:
     for axis in range(3):
         ends = np.moveaxis(normal[axis], axis, 0)
         ends[0], ends[-1] = 1.0, -1.0
-    return normal / np.maximum(np.linalg.norm(normal, axis=0), 1.0)
-
-
-def rescale(
-    cells: Cells, active: NDArray[np.int32], here: int, ratio: float, before: Flow, after: Flow
-) -> float:
-    """Restate populations for a time step that is `ratio` times as long.
-
-    Velocities grow by it, density's deviations by its square (Thuerey 2007, section 4.3), stress by
-    both viscosity and rate.
-
-    Returns
-    -------
-    float
-        Mass that full cells have lost [cells].
-    """
-    old = cells.populations[here][:, active].astype(np.float64)
-    density, velocity = 1.0 + old.sum(axis=0), cells.velocity[:, active].astype(np.float64)
-    gravity = np.array(before[:3])[:, None]
-    second = np.einsum("ia,ib,in->abn", VELOCITY, VELOCITY, old)
-    second -= np.eye(3)[:, :, None] * (density - 1.0) / 3.0
-    stress = second - density * (
-        velocity[:, None] * velocity[None]
-        + 0.5 * (velocity[:, None] * gravity[None] + gravity[:, None] * velocity[None])
-    )
-    relaxed = before.relaxation_time - 1.0
-    factor = ratio * (after.relaxation_time - 1.0) / relaxed if abs(relaxed) > 0.05 else 0.0
-    velocity *= ratio
-    new_density = 1.0 + ratio**2 * (density - 1.0)
-    gravity = np.array(after[:3])[:, None]
-    forced = 0.5 * (velocity[:, None] * gravity[None] + gravity[:, None] * velocity[None])
-    second = factor * stress + new_density * (velocity[:, None] * velocity[None] + forced)
-    first = new_density * (velocity + 0.5 * gravity)
-    cells.populations[here][:, active] = WEIGHT[:, None] * (
-        new_density - 1.0
-        + 3.0 * VELOCITY @ first
-        + 4.5 * np.einsum("iab,abn->in", QUADRATIC, second)
-    )  # fmt: skip
-    cells.density[active] = new_density
-    cells.velocity[:, active] = velocity
-    full = cells.flags[active] == FLUID
-    cells.mass[active[full]] = new_density[full]
-    return float((density - new_density)[full].sum())
+    normal /= np.maximum(np.linalg.norm(normal, axis=0), 1.0)
+    return normal

@@ -1,6 +1,8 @@
 """A scene as cells: what is solid, across which direction, and where the liquid starts."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -8,6 +10,8 @@ from numpy.typing import NDArray
 
 from pourcast.scene import Scene
 from pourcast.stimuli.lattice_boltzmann.solver import wall_normals
+
+Array = NDArray[np.float64]
 
 _SUBCELLS = 16
 """Points along each side of a cell by which partly filled ones are measured."""
@@ -81,12 +85,12 @@ def voxelise(scene: Scene, resolution: int) -> Voxels:
     )
 
 
-def _through(plane: NDArray, depth: int) -> NDArray:
+def _through(plane: NDArray[Any], depth: int) -> NDArray[Any]:
     """The same plane of cells all through the depth."""
     return np.repeat(plane[:, :, None], depth, axis=2)
 
 
-def _share(inside, x, y, cell: float) -> NDArray[np.float64]:
+def _share(inside: Callable[..., Any], x: Array, y: Array, cell: float) -> Array:
     """Share of each cell for which `inside` holds, by points spread evenly over it."""
     steps = ((np.arange(_SUBCELLS) + 0.5) / _SUBCELLS - 0.5) * cell
     total = np.zeros(x.shape)
@@ -96,7 +100,9 @@ def _share(inside, x, y, cell: float) -> NDArray[np.float64]:
     return total / _SUBCELLS**2
 
 
-def _normals(scene: Scene, solid, x, y, depth: int) -> NDArray[np.float32]:
+def _normals(
+    scene: Scene, solid: NDArray[np.bool_], x: Array, y: Array, depth: int
+) -> NDArray[np.float32]:
     """Across the surface of each solid cell: towards the nearest point of its polygon's edges."""
     normal = wall_normals((*solid.shape, depth))
     for polygon in scene.solids:

@@ -11,11 +11,14 @@ from pourcast.stimuli.poured import FULL, Moment, Poured
 from pourcast.stimuli.recipe import LatticeRecipe
 from pourcast.video import FRAME_RATE
 
-WATER_VISCOSITY = 1e-6
-"""Kinematic viscosity [m^2/s] of 1 cP; the densities of all liquids are water's here."""
+WATER_VISCOSITY = 1e-3
+"""[Pa s] (paper, section "Stimuli": 1 cP)."""
 
-HONEY_VISCOSITY = {"basins": 1e-4, "cup": 2e-6}
-"""100 cP in Experiment 1, 2 cP in Experiment 2 (paper, section "Stimuli")."""
+HONEY_VISCOSITY = {"basins": 0.1, "cup": 0.002}
+"""[Pa s], by the goal: 100 cP in Experiment 1, 2 cP in Experiment 2 (likewise)."""
+
+DENSITY = 1000.0
+"""Of all liquids [kg/m^3]; only their ratio of viscosity to density counts."""
 
 
 def pour(
@@ -45,17 +48,26 @@ def pour(
         Told of the pictures that are done.
     """
     voxels = voxelise(scene, recipe.resolution)
-    scale = recipe.real_size / max(scene.box.width, scene.box.height, scene.box.depth)
     flow = start_flow(scene, liquid, recipe, voxels, threads)
     count = max(1, round(seconds * FRAME_RATE))
-    moments = [_moment(flow, voxels, scale)]
+    moments = [_moment(flow, voxels)]
     for k in range(1, count):
         flow.advance(k / FRAME_RATE)
-        moments.append(_moment(flow, voxels, scale))
+        moments.append(_moment(flow, voxels))
         if report is not None:
             report("pouring", k + 1, count)
-    outcome, stranded = shares(flow, voxels, scene, scale)
+    outcome, stranded = shares(flow, voxels, scene)
     return Poured(tuple(moments), voxels.cell, voxels.origin, voxels.solid, outcome, stranded)
+
+
+def pour_to_end(
+    scene: Scene, liquid: str, recipe: LatticeRecipe, seconds: float
+) -> tuple[float, float]:
+    """Pour without pictures; see `shares` for what is returned."""
+    voxels = voxelise(scene, recipe.resolution)
+    flow = start_flow(scene, liquid, recipe, voxels)
+    flow.advance(seconds)
+    return shares(flow, voxels, scene)
 
 
 def start_flow(
@@ -63,12 +75,13 @@ def start_flow(
 ) -> LatticeFlow:
     """The liquid at its start, in its real size."""
     honey = liquid == "honey"
+    thick = recipe.honey_viscosity or HONEY_VISCOSITY[scene.goal.kind]
     scale = recipe.real_size / max(scene.box.width, scene.box.height, scene.box.depth)
     return LatticeFlow(
         fill=voxels.fill,
         solid=voxels.solid,
         cell=voxels.cell * scale,
-        viscosity=HONEY_VISCOSITY[scene.goal.kind] if honey else WATER_VISCOSITY,
+        viscosity=(thick if honey else WATER_VISCOSITY) / DENSITY,
         normal=voxels.normal,
         slip=recipe.honey_slip if honey else 1.0,
         adhesion=recipe.honey_adhesion if honey else 0.0,
@@ -76,14 +89,14 @@ def start_flow(
     )
 
 
-def shares(flow: LatticeFlow, voxels: Voxels, scene: Scene, scale: float) -> tuple[float, float]:
+def shares(flow: LatticeFlow, voxels: Voxels, scene: Scene) -> tuple[float, float]:
     """Share of the liquid that the goal holds, and share that is still above its rim.
 
     Measured from the liquid itself: the mass of every cell and drop.
     """
     mass = np.clip(flow.grid("mass"), 0.0, None)
     drops = flow.droplets
-    x, y = _placed(drops, voxels, scale)[:2]
+    x, y = _placed(drops, flow, voxels)[:2]
     volumes = drops[6] / flow.cell**3
     held = np.array([scene.goal.holds(*place) for place in zip(x, y, strict=True)], dtype=float)
     heights = (np.arange(mass.shape[1]) + 0.5) * voxels.cell
@@ -93,13 +106,16 @@ def shares(flow: LatticeFlow, voxels: Voxels, scene: Scene, scale: float) -> tup
     return float(inside / total), float(above / total)
 
 
-def _placed(drops: NDArray[np.float64], voxels: Voxels, scale: float) -> NDArray[np.float64]:
+def _placed(drops: NDArray[np.float64], flow: LatticeFlow, voxels: Voxels) -> NDArray[np.float64]:
     """Positions of drops in the scene [m], shape [3, count]."""
-    return drops[:3] / scale + np.array(voxels.origin)[:, None]
+    places: NDArray[np.float64] = drops[:3] / flow.cell * voxels.cell
+    places += np.array(voxels.origin)[:, None]
+    return places
 
 
-def _moment(flow: LatticeFlow, voxels: Voxels, scale: float) -> Moment:
+def _moment(flow: LatticeFlow, voxels: Voxels) -> Moment:
     drops = flow.droplets
-    points = np.vstack([_placed(drops, voxels, scale), drops[6] / scale**3])
+    volumes = drops[6] * (voxels.cell / flow.cell) ** 3
+    points = np.vstack([_placed(drops, flow, voxels), volumes])
     fill = np.round(FULL * flow.grid("fill")).astype(np.uint8)
     return Moment(fill, points.T.astype(np.float32))
