@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from statsmodels.stats.multitest import multipletests
 
+from pourcast.analysis import stimulus
 from pourcast.compare.bootstrap import (
     LEVEL,
     RESAMPLES,
@@ -119,8 +120,8 @@ def agreement_table(compared: Compared, settings: Settings) -> pd.DataFrame:
     DataFrame
         A row a model: `liquid`, `model`, then `r`, `rmse`, `bias`, `slope`, each with `_low` and
         `_high`; `resampled`; `explained` (share of the explainable variance), whose interval
-        is always over scenes; and `r_truth_water`, `r_truth_honey`, correlations with
-        the ground truths, if they are among the models.
+        is always over scenes; and `r_truth_water`, `r_truth_honey`, `r_truth_stimulus`,
+        correlations with the ground truths, if they are among the models.
     """
     judgments, names = compared.judgments, compared.names
     people = mean_judgments(compared.trials.responses)
@@ -138,7 +139,7 @@ def agreement_table(compared: Compared, settings: Settings) -> pd.DataFrame:
     table["explained"] = explained_share(responses, judgments)
     low, high = _nan_interval(explained_share(responses, judgments, counts), settings.level)
     table["explained_low"], table["explained_high"] = low, high
-    for truth in ("truth-water", "truth-honey"):
+    for truth in ("truth-water", "truth-honey", stimulus.NAME):
         if truth in compared.models:
             column = f"r_{truth.replace('-', '_')}"
             table[column] = agreement(compared.models[truth], judgments).r

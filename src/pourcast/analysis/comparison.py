@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pourcast.analysis import agreement, choice, window
+from pourcast.analysis import agreement, choice, stimulus, window
 from pourcast.analysis.agreement import Compared, Individuals, Settings, short_liquid
 from pourcast.analysis.judged import Judged, judge_in_study, read_judged
 from pourcast.analysis.people import study_responses
@@ -164,7 +164,8 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
                 f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
                 f"least {agreement.FEWEST_SCENES}"
             )
-    specs = list(request.models or presets())
+    asked = list(request.models or presets())
+    specs = [spec for spec in asked if spec != stimulus.NAME]
     carried = [] if request.carried is None else list(request.carried["spec"])
     wanted = [
         (short_liquid(one.liquid), spec)
@@ -172,6 +173,14 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
         for spec in dict.fromkeys([*specs, *carried])
     ]
     found = judge_in_study(study, scenes, wanted, "compare", report=sweep_words(report, "judging"))
+    for liquid in {short_liquid(one.liquid) for one in trials}:
+        if len(specs) < len(asked):
+            found[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
+        elif (
+            not request.models
+            and (truth := stimulus.stimulus_truth(study, scenes, liquid)) is not None
+        ):
+            found[liquid, stimulus.NAME] = truth
     place = {scene.id: k for k, scene in enumerate(scenes)}
 
     def compared(names: Sequence[str]) -> tuple[Compared, ...]:
@@ -181,13 +190,14 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
                 {
                     spec: found[short_liquid(one.liquid), spec][[place[s.id] for s in one.scenes]]
                     for spec in names
+                    if (short_liquid(one.liquid), spec) in found
                 },
             )
             for one in trials
         )
 
     judged = read_judged(study, scenes)
-    people = compared(specs)
+    people = compared([*specs, stimulus.NAME])
     individuals = agreement.individuals(people, settings)
     tables = _tables(people, judged, settings, individuals, report)
     if request.bayes:

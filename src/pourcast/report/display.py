@@ -7,6 +7,7 @@ DECIMALS = 2
 HEADINGS = {
     "r_truth_water": "r with truth-water",
     "r_truth_honey": "r with truth-honey",
+    "r_truth_stimulus": "r with the stimuli",
     "rmse": "RMSE",
     "explained": "share of explainable variance (scenes resampled)",
     "resampled": "intervals resample",

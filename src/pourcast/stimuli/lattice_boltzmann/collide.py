@@ -268,6 +268,9 @@ def _relax(scratch: Any, flow: Any) -> None:
     qxx = pxx - pressure - mx * ux + wxx
     qyy = pyy - pressure - my * uy + wyy
     qzz = pzz - pressure - mz * uz + wzz
+    # Compression is damped at once: sound would ring on for ever in a liquid like water.
+    mean = (qxx + qyy + qzz) / 3.0
+    qxx, qyy, qzz = qxx - mean, qyy - mean, qzz - mean
     qxy, qxz, qyz = pxy - mx * uy + wxy, pxz - mx * uz + wxz, pyz - my * uz + wyz
     stress = sqrt(qxx * qxx + qyy * qyy + qzz * qzz + 2.0 * (qxy * qxy + qxz * qxz + qyz * qyz))
     tau = flow.relaxation_time
