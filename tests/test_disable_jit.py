@@ -9,7 +9,9 @@ import pytest
 
 CODE = """
 import json
+import numpy as np
 from pourcast.engine import neighbours
+from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow
 from pourcast import HONEY_EXP1, EngineSettings, Pour, WATER, read_scenes, simulate, make_model
 scene = read_scenes("examples/ramp.json")[0]
 scene = scene.model_copy(update={"liquid": scene.liquid.model_copy(update={"centre": (0.4, 0.945)})})
@@ -24,6 +26,13 @@ for pour in (
 neighbours.ALL_PAIRS_LIMIT = 3
 found.append(simulate([Pour(scene, WATER, 4)], settings=settings)[0].position.tolist())
 found.append([p.tolist() for p in make_model("simple:n_points=3,g=0.3").paths(scene)])
+solid = np.tril(np.ones((6, 9), dtype=bool), -5)[..., None].repeat(3, axis=2)
+fill = np.zeros((6, 9, 3))
+fill[1:5, 3:8] = 1.0
+fill[5, 8, 1] = 0.4
+flow = LatticeFlow(fill * ~solid, solid, cell=0.01, viscosity=1e-4, slip=0.5, adhesion=1.0)
+flow.advance(0.012)
+found.append(flow.grid("fill").tolist() + flow.grid("density").tolist() + flow.droplets.tolist())
 print(json.dumps(found))
 """
 
