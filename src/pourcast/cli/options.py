@@ -49,3 +49,11 @@ StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY", help="A study fo
 ResampleOption = Annotated[
     Resampled, typer.Option(help="What the intervals' bootstrap draws again.")
 ]
+ExecutorOption = Annotated[ExecutorName, typer.Option(help="Where to work.")]
+SchedulerOption = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="dask: a scheduler that runs already.")
+]
+ClusterOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="dask, slurm: TOML with a table [dask] or [slurm]."),
+]

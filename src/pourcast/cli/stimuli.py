@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pourcast.cli.app import app
-from pourcast.cli.options import ExecutorName, JsonOption, StudyArgument
+from pourcast.cli.options import (
+    ClusterOption,
+    ExecutorName,
+    ExecutorOption,
+    JsonOption,
+    SchedulerOption,
+    StudyArgument,
+)
 from pourcast.cli.terminal import print_json, progress_bar
 from pourcast.errors import InputError
 
@@ -96,17 +103,12 @@ def stimuli(
     replace: Annotated[
         bool, typer.Option("--replace", help="Make all anew if they were made otherwise.")
     ] = False,
-    executor: Annotated[ExecutorName, typer.Option(help="Where to work.")] = ExecutorName.LOCAL,
+    executor: ExecutorOption = ExecutorName.LOCAL,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Films at a time [all cores; 1 for cycles].")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="dask: a scheduler that runs already.")
-    ] = None,
-    cluster: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="dask, slurm: TOML with a table [dask] or [slurm]."),
-    ] = None,
+    scheduler: SchedulerOption = None,
+    cluster: ClusterOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Film a study's scenes: stills, films, outcomes and a contact sheet.

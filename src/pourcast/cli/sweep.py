@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pourcast.cli.app import app
-from pourcast.cli.options import ExecutorName, JsonOption, StudyArgument
+from pourcast.cli.options import (
+    ClusterOption,
+    ExecutorName,
+    ExecutorOption,
+    JsonOption,
+    SchedulerOption,
+    StudyArgument,
+)
 from pourcast.cli.terminal import (
     InterruptedWorkError,
     bar_on_stderr,
@@ -48,7 +55,7 @@ def sweep(
             help="What to sweep: a TOML file, or quick, paper-exp1, paper-exp2.",
         ),
     ] = None,
-    executor: Annotated[ExecutorName, typer.Option(help="Where to work.")] = ExecutorName.LOCAL,
+    executor: ExecutorOption = ExecutorName.LOCAL,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Shards at a time [all cores; 16 on a cluster].")
     ] = None,
@@ -64,13 +71,8 @@ def sweep(
     attempts: Annotated[
         int, typer.Option(min=1, help="How often a shard is tried before it is given up.")
     ] = 3,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="dask: a scheduler that runs already.")
-    ] = None,
-    cluster: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="dask, slurm: TOML with a table [dask] or [slurm]."),
-    ] = None,
+    scheduler: SchedulerOption = None,
+    cluster: ClusterOption = None,
     print_script: Annotated[
         bool, typer.Option("--print-script", help="slurm: print a script for sbatch instead.")
     ] = False,

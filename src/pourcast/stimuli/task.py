@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import traceback
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from pourcast.stimuli.poured import Poured, load_poured, save_poured
 from pourcast.stimuli.preview import picture_maker
 from pourcast.stimuli.recipe import CyclesRecipe, LatticeRecipe, Recipe
 from pourcast.stimuli.solvers import lbm, sph
-from pourcast.sweep.task import OnWork, TaskResult
+from pourcast.sweep.task import OnWork, TaskResult, told
 from pourcast.video import FRAME_RATE, Picture, write_film
 
 WORK = "work"
@@ -84,9 +83,7 @@ class StimulusTask:
         except (InputError, StoreError, OSError) as error:
             return TaskResult(self.id, "store", str(error))
         except Exception as error:
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            place = f"{Path(where.filename).name}, line {where.lineno}"
-            return TaskResult(self.id, "failed", f"{type(error).__name__}: {error} ({place})")
+            return TaskResult(self.id, "failed", told(error))
         return TaskResult(self.id, "done")
 
     def _make(self) -> None:

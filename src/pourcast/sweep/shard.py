@@ -1,6 +1,5 @@
 """A worker's part: do one shard, and keep the result."""
 
-import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -15,7 +14,7 @@ from pourcast.simulation import EngineSettings, Outcome, Pour, engine_version, s
 from pourcast.sweep.plan import Plan, Shard, Span
 from pourcast.sweep.settings import JudgeSetting, Setting
 from pourcast.sweep.store import SCHEMA, Store
-from pourcast.sweep.task import OnWork, TaskResult
+from pourcast.sweep.task import OnWork, TaskResult, told
 from pourcast.sweep.trajectories import write_trajectories
 
 OnDone = Callable[[int], None]
@@ -104,9 +103,7 @@ def run_shard(task: ShardTask, on_done: OnDone | None = None) -> TaskResult:
     except StoreError as error:
         return TaskResult(name, "store", str(error))
     except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(where.filename).name}, line {where.lineno}"
-        return TaskResult(name, "failed", f"{type(error).__name__}: {error} ({place})")
+        return TaskResult(name, "failed", told(error))
     return TaskResult(name, "done")
 
 

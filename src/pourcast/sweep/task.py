@@ -1,7 +1,9 @@
 """A piece of work that an executor can hand to a worker, on this machine or another."""
 
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, Protocol
 
 OnWork = Callable[[int, float], None]
@@ -19,6 +21,13 @@ class TaskResult:
     task: str
     outcome: Literal["done", "busy", "failed", "lost", "store"]
     message: str = ""
+
+
+def told(error: Exception) -> str:
+    """What an error says, and where it was raised, in one line."""
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(where.filename).name}, line {where.lineno}"
+    return f"{type(error).__name__}: {error} ({place})"
 
 
 class Task(Protocol):

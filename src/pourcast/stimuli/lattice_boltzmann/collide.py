@@ -1,9 +1,10 @@
 """One step of the liquid: populations move, are reflected, and relax.
 
 Populations are pulled from the neighbours. Where a neighbour is gas, they are reconstructed from
-the gas's pressure (Koerner et al. 2005, J. Stat. Phys. 121, eq. 4). Where it is solid, they bounce
-back from a wall that moves along with the liquid as far as it lets it slip: with free slip, an even
-motion along a surface is kept exactly, whatever staircase of cells stands for the slope.
+the gas's pressure (Koerner et al. 2005, J. Stat. Phys. 121, eq. 4). A wall across an axis that lets
+liquid slip is a mirror. From any other they bounce back, as from a wall that moves along with the
+liquid as far as it lets it slip: with free slip, an even motion along a surface is kept exactly,
+whatever staircase of cells stands for the slope. Without slip it is half-way bounce-back.
 
 Relaxation is regularised (Latt & Chopard 2006, Math. Comput. Simul. 72), with the force F of Guo,
 Zheng & Shi (2002, Phys. Rev. E 65) and Smagorinsky's sub-grid viscosity in the closed form of
@@ -11,6 +12,8 @@ Hou et al. (1996). With Pi the non-equilibrium part of the second moment,
 
     f_i = w_i [rho + 3 c_i . (rho u + F / 2) + 9/2 (c_i c_i - I / 3) : A],
     A   = rho u u + (1 - 1 / tau) Pi + (u F + F u) / 2.
+
+Pi is without its trace: compression relaxes at once, or sound would ring on in a liquid like water.
 
 Mass moves with the populations (Koerner et al. 2005, eq. 3): between two interface cells in
 proportion to the mean of their fill, and only one way where one of them touches no full cell or no
@@ -268,7 +271,6 @@ def _relax(scratch: Any, flow: Any) -> None:
     qxx = pxx - pressure - mx * ux + wxx
     qyy = pyy - pressure - my * uy + wyy
     qzz = pzz - pressure - mz * uz + wzz
-    # Compression is damped at once: sound would ring on for ever in a liquid like water.
     mean = (qxx + qyy + qzz) / 3.0
     qxx, qyy, qzz = qxx - mean, qyy - mean, qzz - mean
     qxy, qxz, qyz = pxy - mx * uy + wxy, pxz - mx * uz + wxz, pyz - my * uz + wyz

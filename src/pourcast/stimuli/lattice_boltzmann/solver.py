@@ -31,7 +31,7 @@ _LONGEST_RELAXATION = 1.5
 """Bound on the relaxation time: bounce-back walls move apart when it is long."""
 _EVERY = 16
 """Steps between looks at the liquid's speed."""
-_HYSTERESIS = 0.85
+_CAUTION = 0.85
 """Share of the longest step that is taken, so that another is not needed at once."""
 _THREAD_WORTH = 2048
 """Cells that pay for another thread."""
@@ -256,9 +256,9 @@ class LatticeFlow:
     def _choose_step(self) -> None:
         """Take another time step if the liquid has become too fast, or much slower."""
         best = self._step_for(self.top_speed)
-        if self.dt <= best <= self.dt / _HYSTERESIS**2:
+        if self.dt <= best <= self.dt / _CAUTION**2:
             return
-        wanted = _HYSTERESIS * best  # with room to become faster
+        wanted = _CAUTION * best  # with room to become faster
         ratio, before = wanted / self.dt, self._flow
         self.dt = wanted
         self._flow = self._lattice_flow()
