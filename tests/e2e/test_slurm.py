@@ -13,7 +13,10 @@ from pathlib import Path
 import pytest
 
 from pourcast import cli
+from pourcast.scene import write_scenes
+from pourcast.stimuli.manifest import read_set, set_folder
 from pourcast.sweep.store import Store
+from tests.make import ramp_scene
 from tests.sweep.test_executors import LONGER, call, started, study_with, table_of
 
 SCRIPT = Path(__file__).parent / "slurm.sh"
@@ -158,3 +161,12 @@ def test_without_slurm_it_is_said(monkeypatch, tmp_path, capsys):
     study, grid = study_with(tmp_path, LONGER)
     assert cli.run(["sweep", str(study), "--grid", str(grid), "--executor", "slurm"]) == 2
     assert 'Could not detect "srun"' in capsys.readouterr().err
+
+
+def test_films_are_made_on_the_cluster(slurm, tmp_path, capsys):
+    write_scenes(tmp_path / "scenes.json", [ramp_scene()])
+    call = ["stimuli", str(tmp_path), "--resolution", "24", "--seconds", "0.2", "--size", "80"]
+    assert cli.run([*call, "--executor", "slurm", "--workers", "2"]) == 0
+    assert "2 stimuli" in capsys.readouterr().out
+    made = read_set(set_folder(tmp_path, "lbm-preview"))
+    assert all(made.is_whole(one) and one.film for one in made.manifest.stimuli)
