@@ -4,6 +4,8 @@ Solids are bevelled and lit from above on the left. The liquid is as opaque as i
 films and drops are told from pools.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
@@ -22,7 +24,8 @@ _COLOUR = {
     "water": np.array([0.12, 0.43, 0.80], np.float32),
     "honey": np.array([0.85, 0.54, 0.02], np.float32),
 }
-_GLEAM = np.array([1.0, 1.0, 1.0], np.float32)
+_SHINE, _STEEP = 0.3, 36.0
+"""How bright rims are that face the light, and from which slope on [1/m]."""
 _LIGHT = np.array([-0.5, -0.85])
 """Towards the light, right and down in the picture."""
 _BEVEL = 0.012
@@ -55,20 +58,28 @@ def picture_maker(scene: Scene, liquid: str, poured: Poured, width: int) -> Pict
     """
     height = 2 * round(width * scene.box.height / scene.box.width / 2)
     size = (width, height)
-    still, solid = _solids(scene, size)
+    empty, solid = _solids(scene, size)
     colour = _COLOUR[liquid]
+    background = _as_bytes(empty)
 
     def picture(number: int) -> NDArray[np.uint8]:
-        depth, seen = _depth(poured.moments[number], poured, scene, size)
-        cover = _smooth(seen) * (0.55 + 0.35 * np.minimum(depth, 1.0)) * (1.0 - solid)
-        image = still + cover[..., None] * (colour - still)
-        edge = np.gradient(gaussian_filter(_smooth(seen), width / 200.0))
-        gleam = np.clip(edge[1] * -_LIGHT[0] + edge[0] * -_LIGHT[1], 0.0, 0.06) * 5.0
-        image += (gleam * (1.0 - solid) * _smooth(seen))[..., None] * (_GLEAM - image)
-        pixels: NDArray[np.uint8] = np.round(255.0 * np.clip(image, 0.0, 1.0)).astype(np.uint8)
-        return pixels
+        fields = _fields(poured.moments[number], poured, scene)
+        depth, seen, gleam = (_stretched(field, scene, size) for field in fields)
+        image = background.copy()
+        wet = (seen > 0.0) & (solid < 1.0)
+        cover = _smooth(seen[wet]) * (1.0 - solid[wet])
+        share = (cover * (0.55 + 0.35 * np.minimum(depth[wet], 1.0)))[:, None]
+        shades = empty[wet] + share * (colour - empty[wet])
+        shades += (_SHINE * gleam[wet] * cover)[:, None] * (1.0 - shades)
+        image[wet] = _as_bytes(shades)
+        return image
 
     return picture
+
+
+def _as_bytes(shades: Array) -> NDArray[np.uint8]:
+    pixels: NDArray[np.uint8] = np.round(255.0 * np.clip(shades, 0.0, 1.0)).astype(np.uint8)
+    return pixels
 
 
 def _smooth(level: Array) -> Array:
@@ -77,13 +88,33 @@ def _smooth(level: Array) -> Array:
     return x * x * (3.0 - 2.0 * x)
 
 
-def _depth(
-    moment: Moment, poured: Poured, scene: Scene, size: tuple[int, int]
-) -> tuple[Array, Array]:
-    """Share of the box's depth that is liquid, and how well it is seen, pixel by pixel."""
-    box = scene.box
+class _Field(NamedTuple):
+    """A field over x and y, on cells."""
+
+    values: Array
+    """Shape [nx, ny]."""
+    cell: float
+    origin: tuple[float, float]
+
+
+def _fields(moment: Moment, poured: Poured, scene: Scene) -> tuple[_Field, _Field, _Field]:
+    """Share of the box's depth that is liquid; how well it is seen; how much it gleams."""
     if moment.fill.size == 0:
-        return _depth_of_particles(moment, poured.cell, scene, size)
+        depth, seen, cell = _particles_seen(moment, poured.cell, scene)
+        origin = (0.0, 0.0)
+    else:
+        depth, seen, cell = *_cells_seen(moment, poured), poured.cell
+        origin = poured.origin[:2]
+    slope = np.gradient(gaussian_filter(_smooth(seen), 0.5), cell)
+    gleam = np.clip((-_LIGHT[0] * slope[0] + _LIGHT[1] * slope[1]) / _STEEP, 0.0, 1.0)
+    return (
+        _Field(depth, cell, origin),
+        _Field(seen, cell, origin),
+        _Field(gleam.astype(np.float32), cell, origin),
+    )
+
+
+def _cells_seen(moment: Moment, poured: Poured) -> tuple[Array, Array]:
     layers = moment.fill.shape[2]
     depth = moment.fill.sum(axis=2, dtype=np.float32) / (FULL * layers)
     places = [
@@ -91,14 +122,10 @@ def _depth(
         for k, n in enumerate(depth.shape)
     ]
     np.add.at(depth, tuple(places), moment.points[:, 3] / (poured.cell**3 * layers))
-    sides = (box.width, box.height)
-    spread = _stretched(depth, poured.cell, poured.origin, sides, size)
-    return spread, (spread * layers - _THIN) / (_THICK - _THIN)
+    return depth, (depth * layers - _THIN) / (_THICK - _THIN)
 
 
-def _depth_of_particles(
-    moment: Moment, spacing: float, scene: Scene, size: tuple[int, int]
-) -> tuple[Array, Array]:
+def _particles_seen(moment: Moment, spacing: float, scene: Scene) -> tuple[Array, Array, float]:
     box = scene.box
     shape = (round(box.width / _POINT_CELL), round(box.height / _POINT_CELL))
     counts = np.histogram2d(
@@ -107,27 +134,19 @@ def _depth_of_particles(
     )[0].astype(np.float32)  # fmt: skip
     blur = 0.5 * spacing / _POINT_CELL
     # 1 in the middle of a single particle
-    field = gaussian_filter(counts, blur) * np.float32(2.0 * np.pi * blur**2)
-    cell = box.width / shape[0]
-    spread = _stretched(field, cell, (0.0, 0.0, 0.0), (box.width, box.height), size)
-    return spread * (spacing / box.depth), (spread - 0.35) / 0.25
+    peaks = gaussian_filter(counts, blur) * np.float32(2.0 * np.pi * blur**2)
+    return peaks * (spacing / box.depth), (peaks - 0.35) / 0.25, box.width / shape[0]
 
 
-def _stretched(
-    field: Array,
-    cell: float,
-    origin: tuple[float, float, float],
-    sides: tuple[float, float],
-    size: tuple[int, int],
-) -> Array:
-    """A field over x and y as the pixels of a picture, the highest row first."""
-    rows = np.pad(field.T[::-1], 1, mode="edge")
-    left = 1.0 - origin[0] / cell
-    bottom = rows.shape[0] - 1.0 + origin[1] / cell
-    place = (left, max(0.0, bottom - sides[1] / cell), left + sides[0] / cell, bottom)
+def _stretched(field: _Field, scene: Scene, size: tuple[int, int]) -> Array:
+    """A field as the pixels of a picture, the highest row first."""
+    rows = np.pad(field.values.T[::-1], 1, mode="edge")
+    left = 1.0 - field.origin[0] / field.cell
+    bottom = rows.shape[0] - 1.0 + field.origin[1] / field.cell
+    right = min(left + scene.box.width / field.cell, float(rows.shape[1]))
+    top = max(0.0, bottom - scene.box.height / field.cell)
     image = Image.fromarray(np.ascontiguousarray(rows, dtype=np.float32))
-    right = min(place[2], float(rows.shape[1]))
-    return np.asarray(image.resize(size, Image.Resampling.BICUBIC, box=(*place[:2], right, bottom)))
+    return np.asarray(image.resize(size, Image.Resampling.BICUBIC, box=(left, top, right, bottom)))
 
 
 def _solids(scene: Scene, size: tuple[int, int]) -> tuple[Array, Array]:
