@@ -4,14 +4,17 @@ Makes the table of `docs/reference/stimulus-truth.md`:
 
     python -m benchmarks.stimulus_truth [scenes] > table.md
 
-Every scene is poured by the lattice-Boltzmann solver at two resolutions, as water and as two
+Every scene is poured by the lattice-Boltzmann solver at several resolutions, as water and as two
 honeys, and judged by the particle engine's ground truths.
 """
 
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pourcast.engine.batch import available_cores
 from pourcast.judgments import predict
@@ -20,54 +23,68 @@ from pourcast.stimuli.recipe import FILM_SECONDS, LatticeRecipe
 from pourcast.stimuli.solvers.lbm import pour_to_end
 from pourcast.study import SceneRequest, generate_scenes
 
-RESOLUTIONS = (100, 150)
-LIQUIDS = {
-    "water": ("water", {}),
-    "honey, the paper's (0.1 Pa s, free slip)": ("honey", {}),
-    "honey, held by walls (0.1 Pa s, no slip)": ("honey", {"honey_slip": 0.0}),
+Array = NDArray[np.float64]
+
+POURS: dict[str, tuple[str, tuple[int, ...], dict[str, Any]]] = {
+    "water": ("water", (60, 100, 150), {}),
+    "honey, the paper's: 0.1 Pa s, free slip": ("honey", (60, 100), {}),
+    "honey, held by walls: 0.1 Pa s, no slip": ("honey", (60, 100), {"honey_slip": 0.0}),
 }
+STANDARD = 100
+"""Resolution with which the others are compared."""
 TRUTHS = ("truth-water", "truth-honey")
 
-Work = tuple[Scene, str, int]
+Key = tuple[str, int]
 
 
-def outcome(work: Work) -> tuple[float, float]:
+def outcome(work: tuple[Scene, Key]) -> tuple[float, float]:
     """Outcome, and what is stranded, of a pour."""
-    scene, name, resolution = work
-    liquid, changes = LIQUIDS[name]
+    scene, (name, resolution) = work
+    liquid, _, changes = POURS[name]
     recipe = LatticeRecipe(resolution=resolution, **changes)
     return pour_to_end(scene, liquid, recipe, FILM_SECONDS[liquid])
 
 
+def judged(scenes: Sequence[Scene]) -> dict[str, Array]:
+    """The ground truths' judgments."""
+    table = predict(scenes, list(TRUTHS))
+    places = [scene.id for scene in scenes]
+    return {
+        name: rows.drop_duplicates("scene").set_index("scene")["judgment"][places].to_numpy()
+        for name, rows in table.groupby("model")
+    }
+
+
+def r(one: Array, other: Array) -> str:
+    return f"{np.corrcoef(one, other)[0, 1]:.2f}"
+
+
+def difference(one: Array, other: Array) -> str:
+    return f"{np.abs(one - other).mean():.2f}"
+
+
 def main(count: int) -> None:
     scenes = generate_scenes(SceneRequest("exp1", count, 1, 0)).scenes
-    table = predict(scenes, list(TRUTHS))
-    truths = {
-        name: rows.set_index("scene")["judgment"].reindex([s.id for s in scenes]).to_numpy()
-        for name, rows in table[table["liquid"] == "water"].groupby("model")
-    }
-    work = [(s, name, n) for name in LIQUIDS for n in RESOLUTIONS for s in scenes]
+    truths = judged(scenes)
+    keys = [(name, n) for name, (_, resolutions, _) in POURS.items() for n in resolutions]
     with ProcessPoolExecutor(available_cores()) as pool:
-        found = np.array(list(pool.map(outcome, work)))
-    outcomes, stranded = found.T.reshape(2, len(LIQUIDS), len(RESOLUTIONS), len(scenes))
-    print(f"{len(scenes)} scenes of Experiment 1 (`pourcast scenes exp1 -n {count} --seed 1`).\n")
+        found = np.array(list(pool.map(outcome, [(s, key) for key in keys for s in scenes])))
+    outcomes = dict(zip(keys, found[:, 0].reshape(len(keys), -1), strict=True))
+    stranded = dict(zip(keys, found[:, 1].reshape(len(keys), -1).mean(axis=1), strict=True))
+    print(f"{count} scenes of Experiment 1 (`pourcast scenes exp1 -n {count} --seed 1`).\n")
     head = ["lattice Boltzmann", "cells", *(f"r, {name}" for name in TRUTHS)]
     head += [f"mean difference, {name}" for name in TRUTHS]
-    head += ["r, other resolution", "r, water", "mean (SD)", "stranded"]
+    head += [f"r, {STANDARD} cells", "r, water", "mean (SD)", "stranded"]
     print("|", " | ".join(head), "|\n|", " | ".join("---" for _ in head), "|")
-    for k, name in enumerate(LIQUIDS):
-        for j, resolution in enumerate(RESOLUTIONS):
-            own = outcomes[k, j]
-            others = [truths[truth] for truth in TRUTHS]
-            row = [f"{np.corrcoef(own, other)[0, 1]:.2f}" for other in others]
-            row += [f"{np.abs(own - other).mean():.2f}" for other in others]
-            row += [f"{np.corrcoef(own, outcomes[k, 1 - j])[0, 1]:.2f}"]
-            row += [f"{np.corrcoef(own, outcomes[0, j])[0, 1]:.2f}"]
-            row += [f"{own.mean():.2f} ({own.std():.2f})", f"{stranded[k, j].mean():.2f}"]
-            print("|", " | ".join([name, str(resolution), *row]), "|", flush=True)
-    water, honey = truths["truth-water"], truths["truth-honey"]
-    r, difference = np.corrcoef(water, honey)[0, 1], np.abs(water - honey).mean()
-    print(f"\nThe ground truths among themselves: r {r:.2f}, mean difference {difference:.2f}.")
+    for (name, n), own in outcomes.items():
+        row = [r(own, truths[truth]) for truth in TRUTHS]
+        row += [difference(own, truths[truth]) for truth in TRUTHS]
+        row += [r(own, outcomes[name, STANDARD]), r(own, outcomes["water", n])]
+        row += [f"{own.mean():.2f} ({own.std():.2f})", f"{stranded[name, n]:.2f}"]
+        print("|", " | ".join([name, str(n), *row]), "|", flush=True)
+    water, honey = (truths[name] for name in TRUTHS)
+    print(f"\nThe truths among themselves: r {r(water, honey)}, ", end="")
+    print(f"mean difference {difference(water, honey)}.")
 
 
 if __name__ == "__main__":

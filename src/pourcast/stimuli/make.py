@@ -86,7 +86,7 @@ def make_stimuli(
     if rendered:
         find_blender()
     count = workers or (1 if rendered else available_cores())
-    threads = max(1, available_cores() // count) if open_executor is None else available_cores()
+    threads = max(1, available_cores() // count) if open_executor is None else None
     tasks = [StimulusTask(folder.absolute(), one, recipe, threads) for one in missing]
     films = sum(one.film for one in missing)
     if open_executor is None and not rendered and films < _WORTH_PROCESSES:

@@ -9,6 +9,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 from PIL import Image
 
+from pourcast.engine.batch import available_cores
 from pourcast.errors import InputError, StoreError
 from pourcast.files import replacing, write_text
 from pourcast.stimuli import cycles
@@ -37,18 +38,23 @@ class StimulusTask:
     recipe
         How it is made.
     threads
-        Threads for it; what comes out doesn't depend on them.
+        Threads for it, all that the worker has by default; what comes out doesn't depend on them.
     """
 
     folder: Path
     wanted: Wanted
     recipe: Recipe
-    threads: int = 1
+    threads: int | None = None
 
     @property
     def id(self) -> str:
         """Name of the stimulus, and of its files."""
         return f"{self.wanted.scene.digest}-{self.wanted.liquid}"
+
+    @property
+    def core_count(self) -> int:
+        """Threads for it."""
+        return self.threads or available_cores()
 
     @property
     def work(self) -> Path:
@@ -120,7 +126,7 @@ class StimulusTask:
         scene, liquid, flow = self.wanted.scene, self.wanted.liquid, self.recipe.flow
         seconds = self.picture_count / FRAME_RATE
         if isinstance(flow, LatticeRecipe):
-            poured = lbm.pour(scene, liquid, flow, seconds, threads=self.threads)
+            poured = lbm.pour(scene, liquid, flow, seconds, threads=self.core_count)
         else:
             poured = sph.pour(scene, liquid, seconds)
         if isinstance(self.recipe.look, CyclesRecipe):
@@ -133,7 +139,7 @@ class StimulusTask:
         if not isinstance(look, CyclesRecipe):
             return picture_maker(scene, liquid, poured, look.width)
         paths = [self.work / f"{k:04d}.png" for k in range(self.picture_count)]
-        cycles.render(scene, liquid, poured, look, paths, threads=self.threads)
+        cycles.render(scene, liquid, poured, look, paths, threads=self.core_count)
         return lambda number: np.asarray(Image.open(paths[number]).convert("RGB"))
 
     def _metadata(self) -> dict[str, str]:

@@ -13,6 +13,8 @@ from pourcast.stimuli.lattice_boltzmann.solver import wall_normals
 
 Array = NDArray[np.float64]
 
+_TOUCHING = 1e-5
+"""Gap [m] at which solids touch."""
 _SUBCELLS = 16
 """Points along each side of a cell by which partly filled ones are measured."""
 
@@ -91,31 +93,47 @@ def _through(plane: NDArray[Any], depth: int) -> NDArray[Any]:
 
 
 def _share(inside: Callable[..., Any], x: Array, y: Array, cell: float) -> Array:
-    """Share of each cell for which `inside` holds, by points spread evenly over it."""
+    """Share of each cell for which `inside` holds; points are spread over cells on its edge only."""
+    corners = [inside(x + dx * cell, y + dy * cell) for dx in (-0.5, 0.5) for dy in (-0.5, 0.5)]
+    share = np.mean([inside(x, y), *corners], axis=0)
+    mixed = (share > 0.0) & (share < 1.0)
     steps = ((np.arange(_SUBCELLS) + 0.5) / _SUBCELLS - 0.5) * cell
-    total = np.zeros(x.shape)
-    for dx in steps:
-        for dy in steps:
-            total += inside(x + dx, y + dy)
-    return total / _SUBCELLS**2
+    dx, dy = np.meshgrid(steps, steps)
+    if mixed.any():
+        fine = inside(x[mixed, None] + dx.ravel(), y[mixed, None] + dy.ravel())
+        share[mixed] = fine.mean(axis=1)
+    return share
 
 
 def _normals(
     scene: Scene, solid: NDArray[np.bool_], x: Array, y: Array, depth: int
 ) -> NDArray[np.float32]:
-    """Across the surface of each solid cell: towards the nearest point of its polygon's edges."""
+    """Across the surface of each solid cell: that of the nearest edge.
+
+    Solids that touch are one: the edge between two of them is no surface.
+    """
     normal = wall_normals((*solid.shape, depth))
-    for polygon in scene.solids:
-        corners = np.array(polygon)
-        shape = shapely.Polygon(polygon)
-        inside = np.argwhere(solid & shapely.contains_xy(shape, x, y))
-        edges = np.roll(corners, -1, axis=0) - corners
-        lengths = np.hypot(*edges.T)
-        outward = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / lengths[:, None]
-        points = np.stack([x[tuple(inside.T)], y[tuple(inside.T)]], axis=1)
-        depths = np.einsum("ek,pek->pe", outward, corners[None] - points[:, None])
-        nearest = outward[np.argmin(depths, axis=1)]
-        for (i, j), direction in zip(inside, nearest, strict=True):
-            normal[:2, i + 1, j + 1, 1:-1] = direction[:, None]
-            normal[2, i + 1, j + 1, 1:-1] = 0.0
+    edges = _edges(scene)
+    i, j = np.nonzero(solid)
+    if len(i) == 0:
+        return normal
+    points = np.stack([x[i, j], y[i, j]], axis=1)
+    start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
+    squares = (along**2).sum(axis=1)
+    # Nearest point of each edge to each cell.
+    gaps = points[:, None] - start[None]
+    place = np.clip((gaps * along).sum(axis=2) / squares, 0.0, 1.0)
+    distances = np.linalg.norm(gaps - place[..., None] * along, axis=2)
+    nearest = along[np.argmin(distances, axis=1)]
+    across = np.stack([nearest[:, 1], -nearest[:, 0]]) / np.hypot(*nearest.T)
+    normal[:2, i + 1, j + 1, 1:-1] = across[..., None]
+    normal[2, i + 1, j + 1, 1:-1] = 0.0
     return normal
+
+
+def _edges(scene: Scene) -> Array:
+    """Edges of all solids together [m], shape [edge_count, 2, 2]."""
+    merged = shapely.union_all([shapely.Polygon(p) for p in scene.solids], grid_size=_TOUCHING)
+    rings = shapely.get_rings(shapely.get_parts(merged))
+    corners = [shapely.get_coordinates(ring) for ring in rings]
+    return np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in corners])
