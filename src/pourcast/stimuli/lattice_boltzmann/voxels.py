@@ -93,9 +93,9 @@ def _through(plane: NDArray[Any], depth: int) -> NDArray[Any]:
 
 
 def _share(inside: Callable[..., Any], x: Array, y: Array, cell: float) -> Array:
-    """Share of each cell for which `inside` holds; points are spread over cells on its edge only."""
+    """Share of each cell for which `inside` holds; those on its edge are measured by points."""
     corners = [inside(x + dx * cell, y + dy * cell) for dx in (-0.5, 0.5) for dy in (-0.5, 0.5)]
-    share = np.mean([inside(x, y), *corners], axis=0)
+    share: Array = np.mean([inside(x, y), *corners], axis=0)
     mixed = (share > 0.0) & (share < 1.0)
     steps = ((np.arange(_SUBCELLS) + 0.5) / _SUBCELLS - 0.5) * cell
     dx, dy = np.meshgrid(steps, steps)
