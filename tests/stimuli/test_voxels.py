@@ -61,3 +61,10 @@ def test_a_cups_share_is_what_is_inside_it():
     scene = Scene(id="cup", liquid=LiquidStart(centre=(0.5, 1.2)), goal=cup)
     voxels = voxelise(scene, 150)
     assert voxels.goal.sum() * voxels.cell**2 == pytest.approx(0.3 * 0.2, rel=0.02)
+
+
+def test_the_dividers_tip_favours_no_side(ramp):
+    voxels = voxelise(ramp, 100)
+    middle = voxels.solid.shape[0] // 2
+    tip = np.flatnonzero(voxels.solid[middle, : int(0.25 / voxels.cell), 0]).max()
+    assert abs(inner(voxels, 0)[middle, tip]) == pytest.approx(1.0, abs=1e-5)

@@ -124,11 +124,33 @@ def _normals(
     gaps = points[:, None] - start[None]
     place = np.clip((gaps * along).sum(axis=2) / squares, 0.0, 1.0)
     distances = np.linalg.norm(gaps - place[..., None] * along, axis=2)
-    nearest = along[np.argmin(distances, axis=1)]
-    across = np.stack([nearest[:, 1], -nearest[:, 0]]) / np.hypot(*nearest.T)
+    tangent = _mean_direction(along / np.sqrt(squares)[:, None], distances)
+    across = np.stack([tangent[:, 1], -tangent[:, 0]])
     normal[:2, i + 1, j + 1, 1:-1] = across[..., None]
     normal[2, i + 1, j + 1, 1:-1] = 0.0
     return normal
+
+
+def _mean_direction(along: Array, distances: Array) -> Array:
+    """Direction of the nearest edge to each cell; of two as near, the one between them.
+
+    A cell in the divider's tip must not favour one side of it.
+
+    Parameters
+    ----------
+    along
+        Directions of the edges, of length 1, shape [edge_count, 2].
+    distances
+        Shape [cell_count, edge_count].
+    """
+    nearest, second = np.argsort(distances, axis=1, kind="stable")[:, :2].T
+    cells = np.arange(len(distances))
+    tied = distances[cells, second] - distances[cells, nearest] < _TOUCHING
+    first, other = along[nearest], along[second]
+    aligned = np.where((first * other).sum(axis=1) < 0.0, -1.0, 1.0)[:, None] * other
+    mean = np.where(tied[:, None], first + aligned, first)
+    direction: Array = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    return direction
 
 
 def _edges(scene: Scene) -> Array:
