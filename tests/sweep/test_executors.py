@@ -141,13 +141,16 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_an_interrupted_sweep_says_how_far_it_is_and_goes_on(tmp_path, reference, name):
-    study, grid = study_with(tmp_path, LONGER)
-    process = started(study, grid, "--workers", "2")
-    store = Store(study / "sweep")
-    while len(store.paths()) < 3:
-        time.sleep(0.02)
-    os.killpg(process.pid, getattr(signal, name))  # As a terminal does: all of them.
-    _, said = process.communicate(timeout=30)
+    for attempt in range(5):  # On a busy machine the sweep may end before the signal comes.
+        study, grid = study_with(tmp_path / str(attempt), LONGER)
+        process = started(study, grid, "--workers", "2")
+        store = Store(study / "sweep")
+        while len(store.paths()) < 3:
+            time.sleep(0.02)
+        os.killpg(process.pid, getattr(signal, name))  # As a terminal does: all of them.
+        _, said = process.communicate(timeout=30)
+        if process.returncode != 0:
+            break
     assert process.returncode == 130
     assert said.count("\n") == 1, said
     assert f"of {len(reference[1])} shards are done; the same command goes on from there" in said

@@ -16,6 +16,14 @@ _WAITING = 2
 
 _CONNECT_SECONDS = 15
 
+_DEFAULTS: dict[str, Any] = {
+    "cores": 1,
+    "memory": "2GB",
+    # Any free port for its dashboard: there may be another cluster on this machine.
+    "scheduler_options": {"dashboard_address": ":0"},
+}
+"""Arguments of `dask_jobqueue.SLURMCluster`, unless the file says other."""
+
 
 class DaskExecutor:
     """Workers of a `dask.distributed` cluster; they must see the study's folder.
@@ -128,7 +136,7 @@ def start_on_slurm(options: Mapping[str, Any], workers: int, source: str) -> Das
     distributed = optional_module("distributed", "cluster")
     jobqueue = optional_module("dask_jobqueue", "cluster")
     try:
-        cluster = jobqueue.SLURMCluster(**{"cores": 1, "memory": "2GB", **options})
+        cluster = jobqueue.SLURMCluster(**{**_DEFAULTS, **options})
     except (TypeError, ValueError) as error:
         raise InputError(f"{source}: dask: {error}") from None
     _check_job(cluster.job_script(), source)
