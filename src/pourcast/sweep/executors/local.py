@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
@@ -49,7 +50,7 @@ class LocalExecutor:
             self._seen = done
 
         def submit(task: Task) -> Future[TaskResult]:
-            return self._pool.schedule(_work, args=(task,))
+            return self._pool.schedule(_work, args=(pickle.dumps(task),))
 
         # One more than there are workers, so that nobody waits for the next.
         yield from run_futures(submit, tasks, lambda: self.workers + 1, beat)
@@ -74,7 +75,10 @@ def _begin(counters: Any) -> None:
     threading.Thread(target=follow, daemon=True).start()
 
 
-def _work(task: Task) -> TaskResult:
+def _work(packed: bytes) -> TaskResult:
+    # Unpacked here, for that may import much: pebble holds a lock while it hands work over, and a
+    # worker that was killed just then would take it to its grave.
+    task: Task = pickle.loads(packed)
     return task.run(_count)
 
 
