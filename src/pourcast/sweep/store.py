@@ -12,7 +12,6 @@ checksum in its name. Done means: a file is there, and its checksum is right.
 
 import errno
 import hashlib
-import io
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -161,7 +160,9 @@ class Store:
             raise StoreError(f"{path}: cannot be read ({error.strerror})") from None
         if _checksum(content) != _checksum_in(path):
             return None
-        return pq.read_table(io.BytesIO(content))
+        # On this thread alone: threads of Arrow's that hand memory back to Python while the
+        # interpreter ends would abort the process.
+        return pq.read_table(pa.BufferReader(content), use_threads=False, pre_buffer=False)
 
     def write(self, shard: str, table: pa.Table) -> None:
         """Keep a shard's table."""
