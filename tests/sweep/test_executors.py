@@ -52,12 +52,11 @@ def call(study, grid, *arguments):
 
 
 def started(study, grid, *arguments):
-    """A sweep in a process of its own, which Ctrl-C reaches even if the tests run in background."""
+    """A sweep in a process of its own."""
     command = [sys.executable, "-m", "pourcast", "sweep", study, "--grid", grid, *arguments]
     return subprocess.Popen(
         [str(part) for part in command],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
     )  # fmt: skip
 
 
