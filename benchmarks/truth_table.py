@@ -11,7 +11,7 @@ import argparse
 import numpy as np
 
 from pourcast import predict, summarise
-from pourcast.model import presets
+from pourcast.model import complete_presets
 from pourcast.report.published import EXP1_TRUTH_HONEY, EXP1_TRUTH_WATER
 from pourcast.study import SceneRequest, generate_scenes
 
@@ -44,11 +44,11 @@ def main() -> None:
     arguments = parser.parse_args()
     request = SceneRequest("exp1", arguments.scenes, arguments.seed, candidates=1)
     scenes = generate_scenes(request).scenes
-    table = predict(scenes, list(presets()))
+    table = predict(scenes, complete_presets())
     wide = table.pivot(index="scene", columns="model", values="judgment")
     means = summarise(table)["mean"]
     print(HEAD.format(count=arguments.scenes, seed=arguments.seed))
-    for name in presets():
+    for name in complete_presets():
         cells = [f"`{name}`", f"{means[name]:.2f}"]
         for truth, published in (
             ("truth-water", EXP1_TRUTH_WATER),

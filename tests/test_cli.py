@@ -171,7 +171,7 @@ def test_models_are_listed(capsys):
     assert call("models") == 0
     assert "damping_zeta" in capsys.readouterr().out
     assert call("models", "--json") == 0
-    assert len(json.loads(capsys.readouterr().out)["presets"]) == 11
+    assert len(json.loads(capsys.readouterr().out)["presets"]) == 13
 
 
 def test_every_command_has_help_with_an_example(capsys):

@@ -16,7 +16,7 @@ PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 COMMANDS = (
     "demo", "scenes", "new", "predict", "show", "import", "export", "sweep", "models", "bench",
     "experiment simulate", "experiment serve", "experiment status", "experiment data",
-    "experiment export", "stimuli", "compare", "report", "reproduce", "recover", "power",
+    "experiment export", "stimuli", "convnet train", "convnet show", "compare", "report", "reproduce", "recover", "power",
 )  # fmt: skip
 
 LONG_LINES = (
@@ -25,11 +25,13 @@ LONG_LINES = (
 )
 """Lines of minutes: `tests/e2e/test_report.py` runs them, as one of the slow tests; CI does."""
 
-
 CYCLES_LINE = (
     "pourcast stimuli looks --renderer cycles --samples 16 --size 320x480 --scenes 1 --seconds 0.2"
 )
 """Needs Blender: `tests/stimuli/test_cycles.py` runs it, likewise."""
+
+CONVNET_REPRODUCTION = "pourcast reproduce exp1 --quick --with-convnet -o nets"
+"""Needs torch and minutes: `tests/e2e/test_report.py` runs it where torch is, as CI has it."""
 
 
 def snippets(page):
@@ -53,7 +55,7 @@ def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
         if language == "python":
             exec(compile(text, str(page), "exec"), names)
         for line in text.splitlines() if language == "sh" else ():
-            if line in (*LONG_LINES, CYCLES_LINE):
+            if line in (*LONG_LINES, CYCLES_LINE) or "convnet" in line:  # see tests/convnet
                 continue
             if line.startswith("pourcast experiment serve") and "--check" not in line:
                 serve(shlex.split(line)[3:])

@@ -15,6 +15,7 @@ from pourcast.liquid import HONEY_EXP1, HONEY_EXP2, WATER
 from pourcast.model import (
     Model,
     SimulationModel,
+    complete_presets,
     family_names,
     imagined_liquid,
     make_model,
@@ -37,13 +38,17 @@ SMALL = {
 
 
 def test_every_family_is_under_contract():
-    assert set(SMALL) == set(family_names())
+    # That of networks is in `tests/convnet`: it needs one, and torch.
+    assert {*SMALL, "convnet"} == set(family_names())
 
 
 @pytest.mark.parametrize("name", SMALL)
 def test_contract(name):
-    scenes = random_scenes(6, seed=11)
-    model = make_model(SMALL[name])
+    check_contract(make_model(SMALL[name]), random_scenes(6, seed=11))
+
+
+def check_contract(model, scenes):
+    """What any model owes on six scenes."""
     seen = []
     judged = model.judge(scenes, WATER, 1, progress=lambda *count: seen.append(count))
     assert judged.shape == (6,)
@@ -103,7 +108,8 @@ def test_presets_are_the_papers_table():
     assert values("honey-simple") == simple | {"g": 0.0, "m": 0.04}
     assert values("gravity") == {"g": 0.0, "m": 0.0, "m_sigma": 0.0, "n_points": 100}
     assert values("position-uncertainty")["damping_zeta"] == 0.0
-    assert len(presets()) == 11
+    assert len(presets()) == 13
+    assert set(presets()) - set(complete_presets()) == {"water-convnet", "honey-convnet"}
 
 
 def test_every_preset_says_where_it_is_from():
@@ -161,7 +167,7 @@ def test_parameter_tables_are_complete():
     for name in family_names():
         for row in parameter_table(name):
             assert row["meaning"]
-            assert row["range"]
+            assert row["range"] or row["parameter"] == "weights"
 
 
 def test_names_are_listed_without_importing_models():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from pourcast.judgments import predict
-from pourcast.model import presets
+from pourcast.model import complete_presets
 from pourcast.pictures import show
 from pourcast.scene import Scene, read_scenes
 
@@ -48,7 +48,7 @@ def run_demo(folder: Path, report: Callable[[str, int, int], None]) -> DemoResul
         Judgments and files.
     """
     scenes = demo_scenes()
-    names = list(presets())
+    names = complete_presets()
     table = predict(
         scenes,
         names,

@@ -21,3 +21,10 @@ class ClusterError(RuntimeError):
 
     The message is one line. The command line prints it and exits with status 1.
     """
+
+
+class TrainingError(RuntimeError):
+    """A network did not learn.
+
+    The message is one line. The command line prints it and exits with status 1.
+    """

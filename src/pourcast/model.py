@@ -115,6 +115,16 @@ class Model(ABC):
         """Names and values of the parameters."""
         return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
+    @property
+    def fingerprint(self) -> str:
+        """Name of all else that its judgments depend on, such as the content of a file."""
+        return ""
+
+    @property
+    def remark(self) -> str:
+        """What a reader of its judgments should know of how it came about; half a sentence."""
+        return ""
+
 
 def _check(owner: str, name: str, value: Any, rules: typing.Mapping[str, Any]) -> None:
     choices = rules.get("choices")
@@ -210,9 +220,17 @@ class SimulationModel(Model):
 
 @cache
 def presets() -> dict[str, dict[str, Any]]:
-    """The paper's models: preset name -> model, parameters and source."""
+    """The paper's models: preset name -> model, parameters and source.
+
+    One that `wants` a parameter can't be made until the user gives it.
+    """
     text = files("pourcast.models").joinpath("presets.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
+
+
+def complete_presets() -> list[str]:
+    """Names of the presets that want nothing more."""
+    return [name for name, entry in presets().items() if "wants" not in entry]
 
 
 @cache
@@ -300,16 +318,23 @@ def make_model(spec: str) -> Model:
     75
     """
     name, _, assignments = spec.strip().partition(":")
-    if name not in model_names():
-        raise InputError(f"model: {unknown(name, model_names())}")
-    values: dict[str, Any] = dict(presets().get(name, {}).get("parameters", {}))
-    found = model_class(presets()[name]["model"] if name in presets() else name)
+    values: dict[str, str] = {}
     for assignment in filter(None, assignments.split(",")):
         key, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals:
             raise InputError(f"model {name!r}: expected parameter=value, found {assignment!r}")
-        values[key] = parse_parameter(name, found, key, text)
-    return found(**values)
+        values[key] = text
+    return build_model(name, values)
+
+
+def build_model(name: str, values: typing.Mapping[str, str]) -> Model:
+    """Build a model from its name and the texts of its parameters; see `make_model`."""
+    if name not in model_names():
+        raise InputError(f"model: {unknown(name, model_names())}")
+    preset = presets().get(name, {})
+    found = model_class(preset.get("model", name))
+    given = {key: parse_parameter(name, found, key, text) for key, text in values.items()}
+    return found(**(preset.get("parameters", {}) | given))
 
 
 def parse_parameter(model: str, found: type[Model], key: str, text: str) -> Any:

@@ -12,6 +12,7 @@ from pourcast.analysis.people import study_responses
 from pourcast.analysis.rehearsal import HEADS, OBSERVERS, rehearse
 from pourcast.errors import StoreError
 from pourcast.experiment.observers import Observers
+from pourcast.model import complete_presets
 from pourcast.progress import Report
 from pourcast.report.page import Options, write_report
 from pourcast.responses import Trials, arrange, exclude
@@ -19,9 +20,13 @@ from pourcast.scene import Scene
 from pourcast.study import DEFAULT_SCENES, SceneRequest, open_study
 from pourcast.sweep.grid import Grid, parse_grid, read_grid
 from pourcast.sweep.table import write_judgments
+from pourcast.training.pair import DEFAULT_SCENES as CONVNET_SCENES
+from pourcast.training.pair import QUICK, default_recipe, train_networks
+from pourcast.training.pair import Request as NetworkRequest
 
 QUICK_SCENES = 24
 QUICK_CANDIDATES = 200
+QUICK_CONVNET_SCENES = 500
 CANDIDATES = 1000
 
 GRIDS = {"exp1": "paper-exp1", "exp2": "paper-exp2"}
@@ -64,6 +69,10 @@ class Reproduction:
         An Experiment 1 that was reproduced before: its parameters are carried over.
     exclude, percent
         As for `analysis.comparison.Request`.
+    with_convnet
+        Whether to train networks, and compare them, too.
+    convnet_scenes
+        Their training scenes, if not the paper's (or 500).
     """
 
     experiment: str
@@ -74,6 +83,15 @@ class Reproduction:
     carry_from: Path | None = None
     exclude: tuple[str, ...] = ()
     percent: bool = False
+    with_convnet: bool = False
+    convnet_scenes: int | None = None
+
+    @property
+    def networks(self) -> NetworkRequest:
+        """The networks, for `with_convnet`."""
+        recipe = default_recipe(**(QUICK if self.quick else {}))
+        count = self.convnet_scenes or (QUICK_CONVNET_SCENES if self.quick else CONVNET_SCENES)
+        return NetworkRequest(self.experiment, count, recipe=recipe, seed=self.seed)
 
     @property
     def request(self) -> SceneRequest:
@@ -108,6 +126,7 @@ def reproduce(
     scenes = open_study(folder, wanted.request, report)
     if wanted.responses is not None:
         _trials(folder, wanted, wanted.responses, scenes)  # Bad input is told before long work.
+    networks = _networks(folder, wanted, workers, report)
     grid = read_grid(QUICK_GRID if wanted.quick else GRIDS[wanted.experiment])
     _sweep(folder, scenes, grid, workers, report)
     responses = wanted.responses
@@ -118,8 +137,8 @@ def reproduce(
         )  # fmt: skip
         responses = rehearse(folder, scenes, observers, report=report)
     request = Request(
-        responses=responses, percent=wanted.percent, exclude=wanted.exclude,
-        settings=Settings(seed=wanted.seed), carried=carried,
+        responses=responses, models=(*complete_presets(), *networks), percent=wanted.percent,
+        exclude=wanted.exclude, settings=Settings(seed=wanted.seed), carried=carried,
     )  # fmt: skip
     trials = _trials(folder, wanted, responses, scenes)
     count = count_without_alphas(candidates(read_judged(folder, scenes), trials))
@@ -129,6 +148,16 @@ def reproduce(
     comparison = compare_study(folder, request, report)
     page = write_report(comparison, folder / "report", Options(), report)
     return comparison, page
+
+
+def _networks(
+    folder: Path, wanted: Reproduction, workers: int | None, report: Report | None
+) -> list[str]:
+    """Specs of the networks, which are trained if they are not there yet."""
+    if not wanted.with_convnet:
+        return []
+    made = train_networks(folder / "convnet", wanted.networks, workers=workers, report=report)
+    return [f"{path.stem}-convnet:weights={path}" for path in made]
 
 
 def _trials(

@@ -41,9 +41,7 @@ def test_models_are_compared_with_what_the_films_showed(filmed, monkeypatch):
     request = Request(models=("gravity", "truth-stimulus"), settings=QUICK)
     with pytest.raises(InputError, match="truth-stimulus: not all scenes were filmed with honey"):
         compare_study(folder, request)
-    monkeypatch.setattr(
-        "pourcast.analysis.comparison.presets", lambda: {"gravity": {"model": "gravity"}}
-    )
+    monkeypatch.setattr("pourcast.analysis.comparison.complete_presets", lambda: ["gravity"])
     found = compare_study(folder, Request(settings=QUICK))
     water = next(one for one in found.compared if one.trials.liquid == "water")
     assert water.names == ["gravity", "truth-stimulus"]

@@ -9,12 +9,12 @@ import pandas as pd
 
 from pourcast.analysis import agreement, choice, stimulus, window
 from pourcast.analysis.agreement import Compared, Individuals, Settings, short_liquid
-from pourcast.analysis.judged import Judged, judge_in_study, read_judged
+from pourcast.analysis.judged import Judged, judge_in_study, labels_of, read_judged
 from pourcast.analysis.people import study_responses
 from pourcast.compare.reliability import FEWEST_PARTICIPANTS
 from pourcast.errors import InputError
 from pourcast.extras import require_extra
-from pourcast.model import presets
+from pourcast.model import complete_presets, make_model
 from pourcast.progress import Report
 from pourcast.responses import Exclusion, arrange, exclude, remarks
 from pourcast.scene import Scene
@@ -164,7 +164,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
                 f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
                 f"least {agreement.FEWEST_SCENES}"
             )
-    asked = list(request.models or presets())
+    asked = list(request.models or complete_presets())
     specs = [spec for spec in asked if spec != stimulus.NAME]
     carried = [] if request.carried is None else list(request.carried["spec"])
     wanted = [
@@ -182,13 +182,16 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
         ):
             found[liquid, stimulus.NAME] = truth
     place = {scene.id: k for k, scene in enumerate(scenes)}
+    labels = labels_of([*specs, *carried, stimulus.NAME])
 
     def compared(names: Sequence[str]) -> tuple[Compared, ...]:
         return tuple(
             Compared(
                 one,
                 {
-                    spec: found[short_liquid(one.liquid), spec][[place[s.id] for s in one.scenes]]
+                    labels[spec]: found[short_liquid(one.liquid), spec][
+                        [place[s.id] for s in one.scenes]
+                    ]
                     for spec in names
                     if (short_liquid(one.liquid), spec) in found
                 },
@@ -213,7 +216,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
         compared=people,
         judged=judged,
         exclusions=tuple(exclusions),
-        remarks=(*remarks(trials, scenes), *_doubts(tables)),
+        remarks=(*_models_remarks(specs, labels), *remarks(trials, scenes), *_doubts(tables)),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
     )
@@ -278,6 +281,12 @@ def _stacked(
     settings: Settings,
 ) -> pd.DataFrame:
     return pd.concat([make(one, settings) for one in people], ignore_index=True)
+
+
+def _models_remarks(specs: Sequence[str], labels: dict[str, str]) -> list[str]:
+    """What is to be known of the models themselves."""
+    said = {labels[spec]: make_model(spec).remark for spec in specs}
+    return [f"{label}: {remark}" for label, remark in said.items() if remark]
 
 
 def _doubts(tables: dict[str, pd.DataFrame]) -> list[str]:

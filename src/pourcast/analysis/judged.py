@@ -1,6 +1,7 @@
 """Judgments of many models on a study's scenes, found by model and parameters."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -39,6 +40,28 @@ def family_of(name: str) -> str:
 def name_of(spec: str) -> str:
     """Model's name in a spec."""
     return spec.strip().partition(":")[0]
+
+
+def labels_of(specs: Sequence[str]) -> dict[str, str]:
+    """What tables and figures call models.
+
+    A preset that wants a parameter goes by its name alone if it is there only once.
+
+    Examples
+    --------
+    >>> labels_of(["gravity", "water-convnet:weights=net/water.safetensors"])
+    {'gravity': 'gravity', 'water-convnet:weights=net/water.safetensors': 'water-convnet'}
+    """
+    short = {spec: _without_wanted(spec) for spec in dict.fromkeys(specs)}
+    counts = Counter(short.values())
+    return {spec: label if counts[label] == 1 else spec for spec, label in short.items()}
+
+
+def _without_wanted(spec: str) -> str:
+    name, _, assignments = spec.strip().partition(":")
+    wanted = presets().get(name, {}).get("wants")
+    kept = [a for a in assignments.split(",") if a.partition("=")[0].strip() != wanted]
+    return ":".join(filter(None, (name, ",".join(kept)))) if wanted else spec
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,24 @@ import sys
 
 import typer
 
-from pourcast.cli import compare, design, experiment, models, observers, scenes, stimuli, sweep
+from pourcast.cli import (
+    compare,
+    convnet,
+    design,
+    experiment,
+    models,
+    observers,
+    scenes,
+    stimuli,
+    sweep,
+)
 from pourcast.cli.app import app
 from pourcast.cli.terminal import InterruptedWorkError
-from pourcast.errors import ClusterError, InputError, StoreError
+from pourcast.errors import ClusterError, InputError, StoreError, TrainingError
 
 __all__ = [
     "compare",
+    "convnet",
     "design",
     "experiment",
     "main",
@@ -60,7 +71,7 @@ def _verdict(error: BaseException) -> tuple[str, int]:
         return error.format_message(), 2
     if isinstance(error, InterruptedWorkError | KeyboardInterrupt | typer.Abort):
         return str(error) or "interrupted", INTERRUPTED
-    if isinstance(error, StoreError | ClusterError):
+    if isinstance(error, StoreError | ClusterError | TrainingError):
         return str(error), 1
     if os.environ.get("POURCAST_TRACEBACK"):
         raise error

@@ -254,6 +254,12 @@ def reproduce(
     percent: PercentOption = False,
     exclude: ExcludeOption = None,
     carry_from: CarryOption = None,
+    with_convnet: Annotated[
+        bool, typer.Option("--with-convnet", help="Train networks, too (extra convnet; longer).")
+    ] = False,
+    convnet_scenes: Annotated[
+        int | None, typer.Option(min=1, help="Their training scenes [10000, quick 500].")
+    ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes [all cores].")] = None,
     seed: SeedOption = 1,
 ) -> None:
@@ -268,8 +274,9 @@ def reproduce(
     from pourcast.reproduce import reproduce as run
 
     wanted = Reproduction(
-        experiment.value, quick, seed, scenes, responses, carry_from, tuple(exclude or ()), percent
-    )
+        experiment.value, quick, seed, scenes, responses, carry_from, tuple(exclude or ()), percent,
+        with_convnet, convnet_scenes,
+    )  # fmt: skip
     try:
         with progress_bar() as bar:
             found, page = run(out, wanted, workers, bar)

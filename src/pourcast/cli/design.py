@@ -74,7 +74,7 @@ def recover(
     from pourcast.analysis import design
     from pourcast.analysis.judged import judge_in_study, read_judged
     from pourcast.analysis.rehearsal import HEADS
-    from pourcast.model import presets, resolve_liquid
+    from pourcast.model import complete_presets, resolve_liquid
     from pourcast.report.figures.design import recovery
     from pourcast.study import study_scenes
 
@@ -96,7 +96,7 @@ def recover(
             )
             title = f"{spec}: {parameter}"
         else:
-            specs = list(dict.fromkeys(model or presets()))
+            specs = list(dict.fromkeys(model or complete_presets()))
             if len(specs) < 2:
                 raise InputError("model: expected at least two models to tell apart")
             found = judge_in_study(study, scenes, [(liquid, spec) for spec in specs], "design")

@@ -65,6 +65,7 @@ def predict(
     from pourcast.files import check_writable
     from pourcast.judgments import check_table_path, summarise, write_table
     from pourcast.judgments import predict as predict_scenes
+    from pourcast.model import make_model
     from pourcast.study import load_scenes
 
     loaded = load_scenes(scenes)
@@ -83,6 +84,9 @@ def predict(
         print_table(wide[list(dict.fromkeys(table["model"]))])
         typer.echo()
     print_table(summarise(table))
+    for spec in dict.fromkeys(model or ()):
+        if remark := make_model(spec).remark:
+            typer.echo(f"note: {spec}: {remark}")
     if out is not None:
         typer.echo(f"\n{out}: {len(table)} judgments")
 

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from pourcast.errors import InputError
+
 
 class Resampled(StrEnum):
     """What is drawn again for intervals."""
@@ -57,3 +59,19 @@ ClusterOption = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="dask, slurm: TOML with a table [dask] or [slurm]."),
 ]
+
+
+def pixels(size: str | None) -> tuple[int, ...]:
+    """Width, or width and height, in pixels, from what the user said of a size.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    if size is None:
+        return ()
+    parts = size.lower().split("x")
+    if not all(part.isdecimal() for part in parts) or len(parts) > 2:
+        raise InputError(f"size: expected WIDTHxHEIGHT in pixels, such as 640x960, found {size!r}")
+    return tuple(int(part) for part in parts)

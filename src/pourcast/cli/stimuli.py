@@ -14,6 +14,7 @@ from pourcast.cli.options import (
     JsonOption,
     SchedulerOption,
     StudyArgument,
+    pixels,
 )
 from pourcast.cli.terminal import print_json, progress_bar
 from pourcast.errors import InputError
@@ -128,7 +129,7 @@ def stimuli(
         solver,
         RendererName.PREVIEW if preview else renderer,
         seconds=seconds,
-        size=_pixels(size),
+        size=pixels(size),
         cycles={"samples": samples, "denoise": denoise},
         lattice={
             "resolution": resolution or (_PREVIEW_RESOLUTION if preview else None),
@@ -181,16 +182,6 @@ def _opener(
         return None
     options = read_cluster(cluster) if cluster else ClusterOptions()
     return partial(make_executor, executor.value, workers, study / "stimuli", scheduler, options)
-
-
-def _pixels(size: str | None) -> tuple[int, ...]:
-    """Width, or width and height, in pixels."""
-    if size is None:
-        return ()
-    parts = size.lower().split("x")
-    if not all(part.isdecimal() for part in parts) or len(parts) > 2:
-        raise InputError(f"size: expected WIDTHxHEIGHT in pixels, such as 640x960, found {size!r}")
-    return tuple(int(part) for part in parts)
 
 
 def _recipe(

@@ -22,6 +22,7 @@ from pourcast.cli.options import (
     StudyArgument,
 )
 from pourcast.cli.terminal import (
+    LOG_EVERY,
     InterruptedWorkError,
     bar_on_stderr,
     print_json,
@@ -35,9 +36,6 @@ if TYPE_CHECKING:
     from pourcast.sweep.run import SweepProgress, SweepResult
     from pourcast.sweep.status import Status
     from pourcast.sweep.store import Store
-
-_LOG_EVERY = 60.0
-"""Where there is no terminal, a line of progress is printed as often [s]."""
 
 _FAILURES_SHOWN = 10
 """Failures that are told at the end; `--status` tells all."""
@@ -175,7 +173,7 @@ def _sweep_bar() -> Iterator[Any]:
             )
             words += f", {now.failed} failed tries" if now.failed else ""
             bar.update(task, description=words, completed=now.seconds, total=now.all_seconds)
-            if bar.disable and time.monotonic() - said > _LOG_EVERY:
+            if bar.disable and time.monotonic() - said > LOG_EVERY:
                 said = time.monotonic()
                 typer.echo(f"{words}; {_time_left(now, said - begin)} left", err=True)
 

@@ -1,11 +1,15 @@
 """What the commands print: progress, tables, JSON."""
 
 import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import typer
+
+LOG_EVERY = 60.0
+"""Where there is no terminal, a line of progress is printed as often [s]."""
 
 
 class InterruptedWorkError(Exception):
@@ -27,16 +31,24 @@ def bar_on_stderr(*columns: Any) -> Iterator[Any]:
 
 @contextmanager
 def progress_bar() -> Iterator[Any]:
-    """Progress bar on stderr, if that is a terminal; yields report(what, done, all)."""
+    """Progress on stderr: a bar, or a line a minute where there is no terminal.
+
+    Yields report(what, done, all).
+    """
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
     with bar_on_stderr(*columns) as bar:
         task = bar.add_task("starting", total=None)
+        said = time.monotonic()
 
         def report(what: str, done: int, total: int) -> None:
+            nonlocal said
             bar.update(task, description=what, completed=done, total=total)
+            if bar.disable and time.monotonic() - said > LOG_EVERY:
+                said = time.monotonic()
+                typer.echo(f"{what}: {done} of {total}", err=True)
 
         yield report
 

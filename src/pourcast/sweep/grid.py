@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pourcast.errors import InputError
-from pourcast.model import LIQUID_NAMES, Model, make_model, parse_parameter, presets, unknown
+from pourcast.model import LIQUID_NAMES, Model, build_model, parse_parameter, presets, unknown
 from pourcast.scene import one_line
 
 MAX_MODELS = 1_000_000
@@ -75,6 +75,10 @@ class GridModels(BaseModel):
         """Values of every parameter that is given."""
         return {name: _values(given) for name, given in self.parameters.items()}
 
+    def first(self) -> Model:
+        """The model with the first value of every parameter that is given."""
+        return build_model(self.model, {k: str(values[0]) for k, values in self.axes().items()})
+
 
 def _values(given: Range | Value | list[Value]) -> list[Value]:
     if isinstance(given, Range):
@@ -129,7 +133,7 @@ class Grid:
     def asked(self) -> Iterator[Asked]:
         """All models, in the order of the file; later parameters vary fastest."""
         for entry in self.content.models:
-            base, axes = make_model(entry.model), entry.axes()
+            base, axes = entry.first(), entry.axes()
             family = presets().get(entry.model, {}).get("model", entry.model)
             parsed = [_parsed(entry.model, base, key, values) for key, values in axes.items()]
             for combination in itertools.product(*parsed):
@@ -218,10 +222,12 @@ def _check(entry: GridModels) -> None:
     for liquid in entry.liquids:
         if liquid not in LIQUID_NAMES:
             raise InputError(f"liquids: {unknown(liquid, LIQUID_NAMES)}")
-    base, axes = make_model(entry.model), entry.axes()
+    axes = entry.axes()
     for key, values in axes.items():
         if not values:
             raise InputError(f"parameters.{key}: the list is empty, expected at least one value")
+    base = entry.first()
+    for key, values in axes.items():
         for value in _parsed(entry.model, base, key, values):
             replace(base, **{key: value})
     size = math.prod(len(values) for values in axes.values())

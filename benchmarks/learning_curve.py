@@ -1,0 +1,115 @@
+"""What networks reach, and with how many training scenes.
+
+    python -m benchmarks.learning_curve FOLDER [curve] [alexnet] [honey]
+
+trains what is asked (all, by default) in FOLDER, which keeps scenes, labels and networks: the same
+command goes on after an interruption. Prints the tables of `docs/reference/convnet.md`, and
+writes its figure, `FOLDER/learning-curve.png` and `.svg`. Two hours on two cores in all.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from pourcast.convnet.network import Card, read_card, read_network
+from pourcast.report.figures.style import BLUE, COLUMN, GREY, RC, new_figure, save_figure
+from pourcast.training.data import Draws, drawn_scenes
+from pourcast.training.pair import Request, default_recipe, train_networks
+
+COUNTS = (500, 1000, 2000, 5000, 10_000)
+HONEY = 2500
+PUBLISHED = {"water": 0.91, "honey": 0.82}
+ALEXNET = {"height": 128, "width": 128, "passes": 12, "learning_rate": 3e-4, "batch": 32}
+PARTS = ("curve", "alexnet", "honey")
+
+
+def tell(what: str, done: int, total: int) -> None:
+    now = time.monotonic()
+    if now - tell.said > 60.0:  # type: ignore[attr-defined]
+        tell.said = now  # type: ignore[attr-defined]
+        print(f"{what}: {done} of {total}", file=sys.stderr, flush=True)
+
+
+tell.said = 0.0  # type: ignore[attr-defined]
+
+
+def trained(folder: Path, name: str, request: Request) -> Path:
+    """The last network of a request."""
+    return train_networks(folder / name, request, data=folder / "data", report=tell)[-1]
+
+
+def row(name: str, path: Path) -> str:
+    card = read_card(path)
+    assert card.held_out is not None
+    minutes = sum(epoch.seconds for epoch in card.epochs) / 60
+    alone = raw_r(path, card)
+    return (
+        f"| {name} | {card.scenes:,} | {card.held_out.r:.2f} | {card.held_out.rmse:.2f} | "
+        f"{alone:.2f} | {card.held_out.mirror:.3f} | {len(card.epochs)} | {minutes:.1f} |"
+    )
+
+
+def raw_r(path: Path, card: Card) -> float:
+    """Correlation with the truth of what a network says of the pictures alone."""
+    network = read_network(path)
+    data = path.parents[1] / "data"
+    scenes = drawn_scenes(data, Draws(card.experiment, card.seed, stream="held-out"), 120)
+    assert card.held_out is not None
+    return float(np.corrcoef([network.raw(s) for s in scenes], card.held_out.truth)[0, 1])
+
+
+def curve(folder: Path) -> list[str]:
+    paths = {n: trained(folder, f"small-{n}", Request("exp1", n, 0)) for n in COUNTS}
+    draw({n: read_card(path) for n, path in paths.items()}, folder / "learning-curve")
+    return [row("`convnet-small`, water", path) for path in paths.values()]
+
+
+def draw(cards: dict[int, Card], path: Path) -> None:
+    """The learning curve, with standard errors of r over so many held-out scenes."""
+    counts, r = np.array(list(cards)), np.array([card.held_out.r for card in cards.values()])  # type: ignore[union-attr]
+    error = 1.96 / np.sqrt(120 - 3)
+    low, high = np.tanh(np.arctanh(r) - error), np.tanh(np.arctanh(r) + error)
+    with mpl.rc_context(RC):
+        figure = new_figure(COLUMN, 2.6)
+        axes = figure.add_subplot()
+        axes.axhline(PUBLISHED["water"], color=GREY, linewidth=0.7, linestyle=":")
+        axes.text(
+            counts[0], PUBLISHED["water"] + 0.01, "published: AlexNet, pre-trained", fontsize=6
+        )
+        axes.errorbar(
+            counts, r, [r - low, high - r], marker="o", markersize=4, capsize=2, color=BLUE,
+            label="convnet-small, from random weights",
+        )  # fmt: skip
+        axes.set(
+            xscale="log", xlabel="training scenes", ylabel="r with truth, 120 held-out scenes",
+            ylim=(0.2, 1.0), xticks=counts, xticklabels=[f"{n:,}" for n in counts],
+        )  # fmt: skip
+        axes.minorticks_off()
+        axes.legend(frameon=False, loc="lower right")
+    save_figure(figure, path, simulated=False)
+
+
+def alexnet(folder: Path) -> list[str]:
+    recipe = default_recipe("alexnet", **ALEXNET)
+    path = trained(folder, "alexnet", Request("exp1", COUNTS[-1], 0, recipe))
+    return [row("`alexnet` 128 x 128, from random weights, water", path)]
+
+
+def honey(folder: Path) -> list[str]:
+    tuned = trained(folder, f"small-{COUNTS[-1]}-honey", Request("exp1", COUNTS[-1], HONEY))
+    return [row("`convnet-small`, honey, fine-tuned from water's", tuned)]
+
+
+def main() -> None:
+    folder, *asked = sys.argv[1:] or sys.exit(__doc__)
+    parts = {"curve": curve, "alexnet": alexnet, "honey": honey}
+    lines = [line for part in asked or PARTS for line in parts[part](Path(folder))]
+    print("| network | training scenes | r | RMSE | r, one picture | mirror | passes | minutes |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |", *lines, sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""Small networks, their cards, and scenes for them."""
+
+from pathlib import Path
+from typing import Any
+
+from pourcast.convnet.backbones import make_backbone, torch_module
+from pourcast.convnet.network import Card, Network, Recipe, write_network
+from tests.make import random_scenes
+
+SMALL: dict[str, Any] = {"height": 48, "width": 32, "passes": 1, "tuning_passes": 1, "batch": 16}
+"""A recipe whose network learns in no time."""
+
+
+def scenes_of(experiment, count, seed=0):
+    goal = {"exp1": "basins", "exp2": "cup"}[experiment]
+    return [s for s in random_scenes(2 * count, seed) if s.goal.kind == goal]
+
+
+def card_of(liquid="water", experiment="exp1", recipe=None) -> Card:
+    return Card(
+        experiment=experiment, liquid=liquid, labelled_by="nobody", scenes=0, validation=0, seed=0,
+        filtered=True, recipe=recipe or Recipe(**SMALL), first_weights="random", epochs=(),
+        held_out=None, made_with={},
+    )  # fmt: skip
+
+
+def random_network(liquid="water", experiment="exp1", recipe=None, seed=0) -> Network:
+    """A network that has learned nothing, whose judgments differ nevertheless."""
+    card = card_of(liquid, experiment, recipe)
+    torch = torch_module()
+    torch.manual_seed(seed)
+    model = make_backbone(card.recipe.backbone, card.recipe.height, card.recipe.width)
+    # Normalisation takes its statistics from some pictures, as after training.
+    model.train()
+    pictures = torch.rand(8, 3, card.recipe.height, card.recipe.width) * 4 - 2
+    with torch.no_grad():
+        for _ in range(10):
+            model(pictures)
+        list(model.parameters())[-2].mul_(20.0)
+        list(model.parameters())[-1].fill_(0.5)
+    return Network(model.eval(), card)
+
+
+def written(folder: Path, **what) -> Path:
+    """File of a random network."""
+    network = random_network(**what)
+    path = folder / f"{network.card.liquid}.safetensors"
+    write_network(path, network)
+    return path
