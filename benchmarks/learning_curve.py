@@ -22,7 +22,7 @@ from pourcast.training.pair import Request, default_recipe, train_networks
 COUNTS = (500, 1000, 2000, 5000, 10_000)
 HONEY = 2500
 PUBLISHED = {"water": 0.91, "honey": 0.82}
-ALEXNET = {"height": 128, "width": 128, "passes": 12, "learning_rate": 3e-4, "batch": 32}
+ALEXNET = {"height": 128, "width": 128, "passes": 8, "learning_rate": 3e-4}
 PARTS = ("curve", "alexnet", "honey")
 
 
@@ -62,7 +62,8 @@ def raw_r(path: Path, card: Card) -> float:
 
 
 def curve(folder: Path) -> list[str]:
-    paths = {n: trained(folder, f"small-{n}", Request("exp1", n, 0)) for n in COUNTS}
+    paths = {n: trained(folder, f"small-{n}", Request("exp1", n, 0)) for n in reversed(COUNTS)}
+    paths = {n: paths[n] for n in COUNTS}
     draw({n: read_card(path) for n, path in paths.items()}, folder / "learning-curve")
     return [row("`convnet-small`, water", path) for path in paths.values()]
 
@@ -99,7 +100,7 @@ def alexnet(folder: Path) -> list[str]:
 
 
 def honey(folder: Path) -> list[str]:
-    tuned = trained(folder, f"small-{COUNTS[-1]}-honey", Request("exp1", COUNTS[-1], HONEY))
+    tuned = trained(folder, f"small-{COUNTS[-1]}", Request("exp1", COUNTS[-1], HONEY))
     return [row("`convnet-small`, honey, fine-tuned from water's", tuned)]
 
 

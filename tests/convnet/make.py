@@ -3,8 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pourcast.convnet.backbones import make_backbone, torch_module
-from pourcast.convnet.network import Card, Network, Recipe, write_network
+from pourcast.convnet.network import Card, Network, Recipe, outputs, tensor_of, write_network
+from pourcast.convnet.picture import paint
 from tests.make import random_scenes
 
 SMALL: dict[str, Any] = {"height": 48, "width": 32, "passes": 1, "tuning_passes": 1, "batch": 16}
@@ -30,14 +33,18 @@ def random_network(liquid="water", experiment="exp1", recipe=None, seed=0) -> Ne
     torch = torch_module()
     torch.manual_seed(seed)
     model = make_backbone(card.recipe.backbone, card.recipe.height, card.recipe.width)
-    # Normalisation takes its statistics from some pictures, as after training.
-    model.train()
-    pictures = torch.rand(8, 3, card.recipe.height, card.recipe.width) * 4 - 2
+    size = card.recipe.height, card.recipe.width
+    pictures = np.stack([paint(scene, *size) for scene in scenes_of(experiment, 8, seed=99)])
+    weight, bias = list(model.parameters())[-2:]
     with torch.no_grad():
-        for _ in range(10):
-            model(pictures)
-        list(model.parameters())[-2].mul_(20.0)
-        list(model.parameters())[-1].fill_(0.5)
+        # Normalisation takes its statistics from some pictures, as after training.
+        model.train()
+        for _ in range(20):
+            model(tensor_of(pictures, "cpu"))
+        said = outputs(model, pictures)
+        weight.mul_(0.2 / said.std())
+        bias.fill_(0.0)
+        bias.fill_(0.5 - float(outputs(model, pictures).mean()))
     return Network(model.eval(), card)
 
 

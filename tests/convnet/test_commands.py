@@ -119,7 +119,7 @@ def test_a_comparison_calls_networks_by_their_presets(tmp_path, capsys):
 
 def like_imagenets(address, **options):
     """In place of a download of ImageNet's weights."""
-    return make_backbone("alexnet", 48, 32).state_dict()
+    return make_backbone("alexnet", 64, 64).state_dict()
 
 
 def test_the_documentations_lines(tmp_path, monkeypatch, capsys):
@@ -138,7 +138,9 @@ def test_the_documentations_lines(tmp_path, monkeypatch, capsys):
         if line == CONVNET_REPRODUCTION:
             continue
         if arguments[:2] == ["convnet", "train"]:
-            arguments += TINY  # The same command, with few scenes and passes.
+            # The same command, with few scenes and passes.
+            arguments += TINY
+            arguments += ["--size", "64x64"] if "alexnet" in arguments else []
         if "imagenet" in arguments:
             monkeypatch.setattr("torch.hub.load_state_dict_from_url", like_imagenets)
         run(capsys, *arguments)

@@ -131,7 +131,7 @@ def test_bad_files_get_one_clear_line(tmp_path):
 def test_another_networks_card_gets_one_clear_line(tmp_path):
     path = written(tmp_path)
     card = json.loads(card_path(path).read_text())
-    card["recipe"]["backbone"] = "alexnet"
+    card["recipe"] |= {"backbone": "alexnet", "height": 96, "width": 96}
     card_path(path).write_text(json.dumps(card))
     said = complaint(f"water-convnet:weights={path}", scenes_of("exp1", 1))
     assert "water.safetensors: not the weights of alexnet" in said
@@ -229,8 +229,10 @@ def test_layers_are_counted_from_the_input():
 
 
 def test_pictures_may_be_too_small():
-    with pytest.raises(InputError, match="size: expected at least 32 pixels"):
-        make_backbone("convnet-small", 96, 20)
+    for name in ("convnet-small", "alexnet"):
+        with pytest.raises(InputError, match=f"size: 20x96 pixels don't suit {name}") as caught:
+            make_backbone(name, 96, 20)
+        assert "\n" not in str(caught.value)
 
 
 def test_a_network_is_what_its_card_says():

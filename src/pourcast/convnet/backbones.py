@@ -65,11 +65,23 @@ def make_backbone(name: str, height: int, width: int) -> Any:
     InputError
         If there is no such backbone, or the pictures are too small for it.
     """
+    model = _by_name(name, height, width)
     torch = torch_module()
+    try:
+        with torch.inference_mode():
+            model.eval()(torch.zeros(1, 3, height, width))
+    except Exception as error:  # Each backbone has its own way to say so.
+        reason = str(error).partition("\n")[0]
+        raise InputError(f"size: {width}x{height} pixels don't suit {name} ({reason})") from None
+    return model
+
+
+def _by_name(name: str, height: int, width: int) -> Any:
+    nn = torch_module().nn
     if name == "convnet-small":
-        return _convnet_small(torch.nn, height, width)
+        return _convnet_small(nn, height, width)
     if name == "alexnet":
-        return _alexnet(torch.nn)
+        return _alexnet(nn)
     torchvision, timm = _installed("torchvision.models"), _installed("timm")
     if torchvision is not None and name in torchvision.list_models():
         model = torchvision.get_model(name, weights=None)
@@ -79,7 +91,7 @@ def make_backbone(name: str, height: int, width: int) -> Any:
         there = [n for n, m in (("torchvision", torchvision), ("timm", timm)) if m is not None]
         more = f", or any of {' and '.join(there)}" if there else "; torchvision and timm know more"
         raise InputError(f"backbone: there is no {name!r}; known: {', '.join(OWN)}{more}")
-    return _with_one_output(model, torch.nn)
+    return _with_one_output(model, nn)
 
 
 def _installed(module: str) -> Any:
@@ -98,10 +110,7 @@ def _convnet_small(nn: Any, height: int, width: int) -> Any:
             layers += [convolution, nn.BatchNorm2d(wide), nn.ReLU(inplace=True)]
             channels = wide
         layers.append(nn.MaxPool2d(2))
-    rows, columns = height >> len(SMALL_WIDTHS), width >> len(SMALL_WIDTHS)
-    if not rows or not columns:
-        least = 1 << len(SMALL_WIDTHS)
-        raise InputError(f"size: expected at least {least} pixels each way for convnet-small")
+    rows, columns = (max(1, size >> len(SMALL_WIDTHS)) for size in (height, width))
     last = nn.Linear(channels * rows * columns, 1)
     return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(DROPOUT), last)
 

@@ -74,8 +74,8 @@ class Recipe(_Frozen):
     batch: int = Field(default=64, ge=2)
     learning_rate: float = Field(default=2e-3, gt=0.0)
     tuning_rate: float = Field(default=5e-4, gt=0.0)
-    weight_decay: float = Field(default=0.05, ge=0.0)
-    least_zoom: float = Field(default=0.85, gt=0.1, le=1.0)
+    weight_decay: float = Field(default=0.2, ge=0.0)
+    least_zoom: float = Field(default=0.7, gt=0.1, le=1.0)
 
 
 class Epoch(_Frozen):

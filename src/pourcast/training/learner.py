@@ -20,6 +20,9 @@ from pourcast.training.checkpoint import load_checkpoint, save_checkpoint
 
 Array = NDArray[np.float64]
 
+KEEP_EVERY = 30.0
+"""A half-trained network is kept as often [s]; one of AlexNet's takes a second or two."""
+
 _ORDER, _VIEWS, _DROPOUT = range(3)
 """Parts of the seed."""
 
@@ -83,6 +86,9 @@ class Stage:
 FULL_SET = 10_000
 """Training scenes for which a recipe's passes are meant."""
 
+MOST_REPEATS = 5
+"""Fewer scenes are passed through at most so many times as often."""
+
 MOST_STAGES = 8
 """Networks of many layers are unfrozen several layers at a time."""
 
@@ -110,7 +116,7 @@ def stages_of(
     >>> [stage.layers for stage in stages_of(Recipe(), 50, knows=True)]
     [1, 8, 15, 22, 29, 36, 43, 50]
     """
-    more = np.sqrt(FULL_SET / scene_count)
+    more = min(MOST_REPEATS, np.sqrt(FULL_SET / scene_count))
     if not knows:
         return [Stage(1, layer_count, round(recipe.passes * more), recipe.learning_rate)]
     count = min(MOST_STAGES, layer_count)
@@ -141,7 +147,7 @@ class Training:
     key
         Name of all that determines the result; see `save_checkpoint`.
     checkpoint
-        File that keeps the state after every pass.
+        File that keeps the state after a pass, if the last time is `KEEP_EVERY` ago.
     """
 
     name: str
@@ -206,6 +212,7 @@ class _Learner:
         self._shown = validation.pictures(self._recipe)
         self._epochs: list[Epoch] = []
         self._best: tuple[float, dict[str, Any]] = np.inf, {}
+        self._kept = time.monotonic()
         self._steps = max(1, len(examples.scenes) // self._recipe.batch)
 
     def run(self) -> list[Epoch]:
@@ -241,7 +248,7 @@ class _Learner:
                 return
             began = time.monotonic()
             loss = self._pass(stage, number, optimiser, schedule)
-            epoch = self._judged(stage, loss, began)
+            epoch = self._judged(stage, number, loss, began)
             own.append(epoch)
             self._epochs.append(epoch)
             self._keep(optimiser, schedule)
@@ -266,11 +273,7 @@ class _Learner:
             optimiser.step()
             schedule.step()
             losses.append(float(loss.detach()))
-            if not np.isfinite(losses[-1]):
-                raise TrainingError(
-                    f"{self._training.name}: learning diverged in stage {stage.number}, pass "
-                    f"{number + 1}; a lower --learning-rate may help"
-                )
+            self._check(losses[-1], stage, number)
         return float(np.mean(losses))
 
     def _batches(self, words: tuple[int, ...]) -> Iterator[tuple[Pictures, Array]]:
@@ -287,7 +290,7 @@ class _Learner:
         zoom = rng.uniform(self._recipe.least_zoom, 1.0)
         return View(zoom, (rng.uniform(), rng.uniform()), bool(rng.integers(2)))
 
-    def _judged(self, stage: Stage, loss: float, began: float) -> Epoch:
+    def _judged(self, stage: Stage, number: int, loss: float, began: float) -> Epoch:
         """The pass, with how the validation scenes are judged after it."""
         said = np.concatenate(
             [
@@ -296,6 +299,7 @@ class _Learner:
             ]
         )
         rmse = float(np.sqrt(np.mean((said - self._validation.labels) ** 2)))
+        self._check(rmse, stage, number)
         if rmse < self._best[0]:
             self._best = rmse, copy.deepcopy(self._model.state_dict())
         return Epoch(
@@ -304,7 +308,16 @@ class _Learner:
             seconds=round(time.monotonic() - began, 3),
         )  # fmt: skip
 
+    def _check(self, error: float, stage: Stage, number: int) -> None:
+        if not np.isfinite(error):
+            raise TrainingError(
+                f"{self._training.name}: learning diverged in stage {stage.number}, pass "
+                f"{number + 1}; a lower --learning-rate may help"
+            )
+
     def _keep(self, optimiser: Any, schedule: Any) -> None:
+        if time.monotonic() - self._kept < KEEP_EVERY:
+            return
         content = {
             "epochs": [epoch.model_dump() for epoch in self._epochs],
             "weights": self._model.state_dict(),
@@ -314,6 +327,7 @@ class _Learner:
             "schedule": schedule.state_dict(),
         }
         save_checkpoint(self._training.checkpoint, self._training.key, content)
+        self._kept = time.monotonic()
 
     def _tell(self, stage: Stage, number: int, step: int, losses: list[float]) -> None:
         if self._report is None:
