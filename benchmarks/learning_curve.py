@@ -37,18 +37,20 @@ tell.said = 0.0  # type: ignore[attr-defined]
 
 
 def trained(folder: Path, name: str, request: Request) -> Path:
-    """The last network of a request."""
-    return train_networks(folder / name, request, data=folder / "data", report=tell)[-1]
+    """The last network of a request; says how long it took."""
+    begin = time.monotonic()
+    made = train_networks(folder / name, request, data=folder / "data", report=tell)
+    print(f"{name}: {(time.monotonic() - begin) / 60:.1f} minutes", file=sys.stderr, flush=True)
+    return made[-1]
 
 
 def row(name: str, path: Path) -> str:
     card = read_card(path)
     assert card.held_out is not None
-    minutes = sum(epoch.seconds for epoch in card.epochs) / 60
     alone = raw_r(path, card)
     return (
         f"| {name} | {card.scenes:,} | {card.held_out.r:.2f} | {card.held_out.rmse:.2f} | "
-        f"{alone:.2f} | {card.held_out.mirror:.3f} | {len(card.epochs)} | {minutes:.1f} |"
+        f"{alone:.2f} | {card.held_out.mirror:.3f} | {len(card.epochs)} |"
     )
 
 
@@ -108,8 +110,8 @@ def main() -> None:
     folder, *asked = sys.argv[1:] or sys.exit(__doc__)
     parts = {"curve": curve, "alexnet": alexnet, "honey": honey}
     lines = [line for part in asked or PARTS for line in parts[part](Path(folder))]
-    print("| network | training scenes | r | RMSE | r, one picture | mirror | passes | minutes |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |", *lines, sep="\n")
+    print("| network | training scenes | r | RMSE | r, one picture | mirror | passes |")
+    print("| --- | --- | --- | --- | --- | --- | --- |", *lines, sep="\n")
 
 
 if __name__ == "__main__":

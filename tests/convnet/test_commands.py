@@ -9,6 +9,8 @@ import pytest
 
 from pourcast import cli
 from pourcast.convnet.backbones import make_backbone
+from pourcast.training import learner
+from pourcast.training.checkpoint import save_checkpoint
 from tests.convnet.make import written
 from tests.test_docs import CONVNET_REPRODUCTION, PAGES, snippets
 
@@ -69,11 +71,23 @@ def test_again_nothing_is_done_and_other_settings_are_refused(net, capsys):
     assert len(said.splitlines()) == 1
 
 
-def test_the_same_command_gives_the_same_bytes_elsewhere(net, tmp_path, capsys):
-    shutil.copytree(net / "data", tmp_path / "net" / "data")
-    run(capsys, "convnet", "train", "-e", "exp1", *TINY, "-o", tmp_path / "net")
-    for liquid in ("water", "honey"):
-        name = f"{liquid}.safetensors"
+def test_interrupted_training_is_gone_on_with(net, tmp_path, capsys, monkeypatch):
+    def interrupted(*arguments):
+        save_checkpoint(*arguments)
+        nonlocal saved
+        saved += 1
+        if saved == 3:
+            raise KeyboardInterrupt
+
+    saved = 0
+    monkeypatch.setattr(learner, "KEEP_EVERY", 0.0)
+    monkeypatch.setattr(learner, "save_checkpoint", interrupted)
+    line = ["convnet", "train", "-e", "exp1", *TINY, "--data", net / "data", "-o", tmp_path / "net"]
+    said = run(capsys, *line, code=130)
+    assert f"interrupted: what is done lies in {tmp_path / 'net'}; the same command goes on" in said
+    assert (tmp_path / "net" / "work" / "water.pt").is_file()
+    run(capsys, *line)
+    for name in ("water.json", "water.safetensors", "honey.json", "honey.safetensors"):
         assert (tmp_path / "net" / name).read_bytes() == (net / name).read_bytes()
 
 
@@ -122,7 +136,7 @@ def like_imagenets(address, **options):
     return make_backbone("alexnet", 64, 64).state_dict()
 
 
-def test_the_documentations_lines(tmp_path, monkeypatch, capsys):
+def test_the_documentations_lines(net, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run(capsys, "scenes", "exp1", "-n", 3, "-o", "scenes.json")
     shutil.copy("scenes.json", "a.json")
@@ -139,8 +153,9 @@ def test_the_documentations_lines(tmp_path, monkeypatch, capsys):
             continue
         if arguments[:2] == ["convnet", "train"]:
             # The same command, with few scenes and passes.
-            arguments += TINY
-            arguments += ["--size", "64x64"] if "alexnet" in arguments else []
+            arguments += [*TINY, "--data", net / "data"]
+            if "alexnet" in arguments:
+                arguments += ["--size", "64x64", "--honey-scenes", 0]
         if "imagenet" in arguments:
             monkeypatch.setattr("torch.hub.load_state_dict_from_url", like_imagenets)
         run(capsys, *arguments)

@@ -90,7 +90,6 @@ class Epoch(_Frozen):
     validation_rmse: float
     validation_r: float | None
     """None where all judgments are the same."""
-    seconds: float
 
 
 class HeldOut(_Frozen):

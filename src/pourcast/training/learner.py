@@ -246,9 +246,8 @@ class _Learner:
         for number in range(len(own), stage.passes):
             if _has_stopped(own, max(2, round(self._recipe.patience * stage.passes))):
                 return
-            began = time.monotonic()
             loss = self._pass(stage, number, optimiser, schedule)
-            epoch = self._judged(stage, number, loss, began)
+            epoch = self._judged(stage, number, loss)
             own.append(epoch)
             self._epochs.append(epoch)
             self._keep(optimiser, schedule)
@@ -290,7 +289,7 @@ class _Learner:
         zoom = rng.uniform(self._recipe.least_zoom, 1.0)
         return View(zoom, (rng.uniform(), rng.uniform()), bool(rng.integers(2)))
 
-    def _judged(self, stage: Stage, number: int, loss: float, began: float) -> Epoch:
+    def _judged(self, stage: Stage, number: int, loss: float) -> Epoch:
         """The pass, with how the validation scenes are judged after it."""
         said = np.concatenate(
             [
@@ -305,7 +304,6 @@ class _Learner:
         return Epoch(
             stage=stage.number, layers=stage.layers, loss=loss, validation_rmse=rmse,
             validation_r=correlation(said, self._validation.labels),
-            seconds=round(time.monotonic() - began, 3),
         )  # fmt: skip
 
     def _check(self, error: float, stage: Stage, number: int) -> None:

@@ -246,7 +246,9 @@ def _trained(
         **wanted, validation=len(validation.scenes), first_weights=first_weights,
         epochs=tuple(epochs), held_out=None, made_with=made_with,
     )  # fmt: skip
-    network = Network(model.to("cpu").eval(), card)
+    # As it will be when it is loaded, to the bit.
+    model = model.to("cpu", memory_format=torch_module().contiguous_format)
+    network = Network(model.eval(), card)
     tried = card.model_copy(update={"held_out": _tried(network, held_out, report)})
     write_network(path, Network(network.model, tried))
     draw_card(path.with_suffix(".png"), tried)
@@ -289,10 +291,10 @@ def _first(folder: Path, request: Request, liquid: str) -> tuple[Any, str, bool]
         water = read_network(folder / f"water{SUFFIX}")
         model.load_state_dict(water.model.state_dict())
         return model, f"the water network ({water.card.weights[:16]})", True
+    weight, bias = list(model.parameters())[-2:]
+    torch.nn.init.zeros_(weight)
+    torch.nn.init.constant_(bias, 0.5)
     if recipe.start == "random":
-        weight, bias = list(model.parameters())[-2:]
-        torch.nn.init.zeros_(weight)
-        torch.nn.init.constant_(bias, 0.5)
         return model, "random", False
     weights, source = (
         imagenet_weights(recipe.backbone)
