@@ -30,9 +30,6 @@ CYCLES_LINE = (
 )
 """Needs Blender: `tests/stimuli/test_cycles.py` runs it, likewise."""
 
-CONVNET_REPRODUCTION = "pourcast reproduce exp1 --quick --with-convnet -o nets"
-"""Needs torch and minutes: `tests/e2e/test_report.py` runs it where torch is, as CI has it."""
-
 
 def snippets(page):
     """(language, text) of the fenced blocks of a page."""

@@ -9,10 +9,11 @@ import pytest
 
 from pourcast import cli
 from pourcast.convnet.backbones import make_backbone
+from pourcast.report.page import with_published
 from pourcast.training import learner
 from pourcast.training.checkpoint import save_checkpoint
 from tests.convnet.make import written
-from tests.test_docs import CONVNET_REPRODUCTION, PAGES, snippets
+from tests.test_docs import PAGES, snippets
 
 pytest.importorskip("torch")
 
@@ -149,8 +150,8 @@ def test_the_documentations_lines(net, tmp_path, monkeypatch, capsys):
     assert len(lines) >= 6
     for line in lines:
         arguments = shlex.split(line)[1:]
-        if line == CONVNET_REPRODUCTION:
-            continue
+        if arguments[0] == "reproduce":
+            continue  # The next test runs it.
         if arguments[:2] == ["convnet", "train"]:
             # The same command, with few scenes and passes.
             arguments += [*TINY, "--data", net / "data"]
@@ -159,3 +160,17 @@ def test_the_documentations_lines(net, tmp_path, monkeypatch, capsys):
         if "imagenet" in arguments:
             monkeypatch.setattr("torch.hub.load_state_dict_from_url", like_imagenets)
         run(capsys, *arguments)
+
+
+def test_a_reproduction_with_networks(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    line = "pourcast reproduce exp1 --quick --with-convnet -o nets"
+    assert any(line in page.read_text() for page in PAGES)
+    run(capsys, *shlex.split(line)[1:], "--scenes", 12, "--convnet-scenes", 40)
+    report = tmp_path / "nets" / "report"
+    table = with_published(pd.read_csv(report / "tables" / "agreement.csv"), "exp1")
+    for model, published in (("water-convnet", [0.76, 0.52]), ("honey-convnet", [0.85, 0.70])):
+        assert table[table["model"] == model]["published_r"].tolist() == published
+    page = (report / "report.html").read_text()
+    assert "water-convnet: convnet-small, first weights random, 40 scenes" in page
+    assert "honey-convnet: convnet-small, first weights the water network" in page

@@ -129,6 +129,12 @@ def _alexnet(nn: Any) -> Any:
         nn.Dropout(0.5), nn.Linear(4096, 4096), relu(),
         nn.Linear(4096, 1),
     )  # fmt: skip
+    for layer in (*features, *classifier):
+        if hasattr(layer, "weight"):
+            # He et al. (2015): without normalisation, signals fade with PyTorch's own weights,
+            # and learning from random ones begins late or never.
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+            nn.init.zeros_(layer.bias)
     parts = {
         "features": features,
         "avgpool": nn.AdaptiveAvgPool2d((6, 6)),
