@@ -554,6 +554,8 @@ def test_every_page_is_accessible_as_far_as_axe_can_tell(experiment, browser):
     page = someone.page
 
     def examine(where):
+        # A button that has just come to life changes its colour for a tenth of a second.
+        page.evaluate("Promise.all(document.getAnimations().map((one) => one.finished))")
         page.add_script_tag(path=AXE)
         found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
         assert [(one["id"], one["nodes"][0]["html"]) for one in found] == [], where
