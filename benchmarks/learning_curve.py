@@ -60,7 +60,7 @@ def raw_r(path: Path, card: Card) -> float:
     data = path.parents[1] / "data"
     scenes = drawn_scenes(data, Draws(card.experiment, card.seed, stream="held-out"), 120)
     assert card.held_out is not None
-    return float(np.corrcoef([network.raw(s) for s in scenes], card.held_out.truth)[0, 1])
+    return float(np.corrcoef([network.both(s)[0] for s in scenes], card.held_out.truth)[0, 1])
 
 
 def curve(folder: Path) -> list[str]:

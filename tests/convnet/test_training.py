@@ -31,7 +31,7 @@ def fresh(recipe, seed=0):
 def test_overfits_32_scenes_and_obeys_the_mirror(tmp_path):
     some = examples(32)
     recipe = Recipe(
-        height=64, width=48, batch=32, passes=40, patience=1.0, learning_rate=3e-3,
+        height=64, width=48, batch=32, passes=45, patience=1.0, learning_rate=3e-3,
         weight_decay=0.0, least_zoom=1.0,
     )  # fmt: skip
     model = fresh(recipe)
@@ -39,8 +39,8 @@ def test_overfits_32_scenes_and_obeys_the_mirror(tmp_path):
     network = Network(model.eval(), card_of(recipe=recipe))
     judged = network.judge(some.scenes)
     assert np.corrcoef(judged, some.labels)[0, 1] > 0.99
-    gaps = [network.raw(s) - network.raw(s, mirrored=True) for s in some.scenes]
-    assert np.abs(gaps).mean() < 0.05
+    pairs = np.array([network.both(scene) for scene in some.scenes])
+    assert np.abs(pairs[:, 0] - pairs[:, 1]).mean() < 0.05
 
 
 def test_stages_go_from_the_last_layer_to_all():
@@ -103,7 +103,7 @@ def test_interrupted_learning_ends_with_the_same_bits(tmp_path, monkeypatch):
             continue
     else:
         found, again = weights_after(tmp_path / "b", recipe, knows=True)
-    assert calls > max(stops)
+    assert calls >= max(stops)
     assert same(found, whole)
     assert again == epochs
 

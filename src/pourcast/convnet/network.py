@@ -2,8 +2,10 @@
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pourcast.convnet.backbones import make_backbone, torch_module
 from pourcast.convnet.picture import MIRRORED, STRAIGHT, Pictures, paint
+from pourcast.engine.batch import available_cores
 from pourcast.errors import InputError
 from pourcast.extras import optional_module
 from pourcast.files import replacing, write_text
@@ -208,7 +211,8 @@ class Network:
     ) -> NDArray[np.float64]:
         """Judge scenes: the mean of what the network says of the picture and its mirror image.
 
-        Each picture is judged alone, on one core: a judgment has the same bits in any company.
+        Each scene is judged alone, on one core: a judgment has the same bits in any company, and
+        on any number of cores.
 
         Parameters
         ----------
@@ -224,20 +228,20 @@ class Network:
         """
         self._check_goals(scenes)
         judgments = np.empty(len(scenes))
-        with one_thread():
-            for k, scene in enumerate(scenes):
-                judgments[k] = np.mean([self.raw(scene), self.raw(scene, mirrored=True)])
+        alone = partial(torch_module().set_num_threads, 1)
+        with one_thread(), ThreadPoolExecutor(available_cores(), initializer=alone) as pool:
+            for k, said in enumerate(pool.map(self.both, scenes)):
+                judgments[k] = np.mean(said)
                 if progress is not None:
                     progress(k + 1, len(scenes))
         return np.clip(judgments, 0.0, 1.0)
 
-    def raw(self, scene: Scene, *, mirrored: bool = False) -> float:
-        """What the network says of a scene's picture, or of its mirror image; may leave 0..1."""
-        recipe = self.card.recipe
-        view = MIRRORED if mirrored else STRAIGHT
-        picture = paint(scene, recipe.height, recipe.width, view)
-        said = float(outputs(self.model, picture[None])[0])
-        return 1.0 - said if mirrored and scene.goal.kind == "basins" else said
+    def both(self, scene: Scene) -> tuple[float, float]:
+        """What the network says of a scene's picture, and of its mirror image; may leave 0..1."""
+        size = self.card.recipe.height, self.card.recipe.width
+        pictures = np.stack([paint(scene, *size, view) for view in (STRAIGHT, MIRRORED)])
+        straight, mirrored = (float(said) for said in outputs(self.model, pictures))
+        return straight, 1.0 - mirrored if scene.goal.kind == "basins" else mirrored
 
     def _check_goals(self, scenes: Sequence[Scene]) -> None:
         known = GOALS[self.card.experiment]

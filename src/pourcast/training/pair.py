@@ -314,19 +314,15 @@ def _tried(network: Network, held_out: Examples, report: Report | None) -> HeldO
 
     said = network.judge(held_out.scenes, tell)
     with one_thread():
-        gaps = [_mirror_gap(network, scene) for scene in held_out.scenes]
+        pairs = np.array([network.both(scene) for scene in held_out.scenes])
     return HeldOut(
         scenes=len(held_out.scenes),
         r=correlation(said, held_out.labels),
         rmse=float(np.sqrt(np.mean((said - held_out.labels) ** 2))),
-        mirror=float(np.mean(gaps)),
+        mirror=float(np.abs(pairs[:, 0] - pairs[:, 1]).mean()),
         truth=_rounded(held_out.labels),
         judgments=_rounded(said),
     )
-
-
-def _mirror_gap(network: Network, scene: Any) -> float:
-    return abs(network.raw(scene) - network.raw(scene, mirrored=True))
 
 
 def _rounded(values: Sequence[float] | Any) -> tuple[float, ...]:
