@@ -84,18 +84,16 @@ def test_a_trials_liquid_makes_no_difference(tmp_path):
     assert (model.judge(scenes, WATER) == model.judge(scenes, HONEY_EXP1, 5)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backbone", ["convnet-small", "alexnet"])
 def test_120_scenes_in_less_than_5_seconds(backbone):
     height, width = backbones.usual_shape(backbone)
     network = random_network(recipe=Recipe(backbone=backbone, height=height, width=width))
     scenes = scenes_of("exp1", 120)
     network.judge(scenes[:2])
-    seconds = []
-    for _ in range(2):  # Other tests are at work beside this one.
-        begin = time.perf_counter()
-        network.judge(scenes)
-        seconds.append(time.perf_counter() - begin)
-    assert min(seconds) < 5.0
+    begin = time.perf_counter()
+    network.judge(scenes)
+    assert time.perf_counter() - begin < 5.0
 
 
 # Files -------------------------------------------------------------------------------
