@@ -114,3 +114,12 @@ def test_power_grows_with_participants():
         for n in (3, 60)
     ]
     assert powers[1] > powers[0] + 0.2
+
+
+def test_a_model_that_says_the_same_of_all_scenes_is_told_from_none():
+    found = power_of(
+        np.array([0.2, 0.5, 0.8]), np.full(3, 0.5), observers=4, scenes=3, studies=3,
+        population=Population(), rng=np.random.default_rng(0), resampled="both", resamples=100,
+        level=0.95,
+    )  # fmt: skip
+    assert found.power == 0.0

@@ -3,13 +3,14 @@
 import json
 import shlex
 import shutil
+from functools import partial
 
 import pandas as pd
 import pytest
 
 from pourcast import cli
 from pourcast.convnet.backbones import make_backbone
-from pourcast.report.page import with_published
+from pourcast.report.page import Options, with_published
 from pourcast.training import learner
 from pourcast.training.checkpoint import save_checkpoint
 from tests.convnet.make import written
@@ -164,9 +165,11 @@ def test_the_documentations_lines(net, tmp_path, monkeypatch, capsys):
 
 def test_a_reproduction_with_networks(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    # Films and simulated studies are looked at in `tests/e2e/test_report.py`.
+    monkeypatch.setattr("pourcast.reproduce.Options", partial(Options, films=0, studies=0))
     line = "pourcast reproduce exp1 --quick --with-convnet -o nets"
     assert any(line in page.read_text() for page in PAGES)
-    run(capsys, *shlex.split(line)[1:], "--scenes", 12, "--convnet-scenes", 40)
+    run(capsys, *shlex.split(line)[1:], "--scenes", 6, "--convnet-scenes", 40)
     report = tmp_path / "nets" / "report"
     table = with_published(pd.read_csv(report / "tables" / "agreement.csv"), "exp1")
     for model, published in (("water-convnet", [0.76, 0.52]), ("honey-convnet", [0.85, 0.70])):

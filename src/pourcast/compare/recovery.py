@@ -155,7 +155,10 @@ def power_of(
         drawn = resample(responses, resampled, rng, resamples)
         r = pearson(drawn.means, both[:, shown], drawn.weights)
         difference = r[:, 0] - r[:, 1]
-        low, high = interval(difference[np.isfinite(difference)], level)
+        known = difference[np.isfinite(difference)]
+        if len(known) == 0:
+            continue  # One of them says the same of all these scenes: nothing is told.
+        low, high = interval(known, level)
         right += bool(low > 0.0)
         wrong += bool(high < 0.0)
     found = binomtest(right, studies).proportion_ci(method="wilson")
