@@ -28,9 +28,10 @@ def draw_card(path: Path, card: Card) -> None:
         if card.held_out is not None:
             _draw_held_out(right, card.held_out, LIQUID_COLOURS[card.liquid])
         first = card.first_weights.partition(",")[0].partition(" (")[0]
+        first = "random weights" if first == "random" else first
         figure.suptitle(
-            f"{card.experiment}, {card.liquid}: {card.recipe.backbone} from {first} "
-            f"{'weights' if first == 'random' else ''}, {card.scenes} scenes",
+            f"{card.experiment}, {card.liquid}: {card.recipe.backbone} from {first}, "
+            f"{card.scenes} scenes",
             fontsize=9,
         )
         with replacing(path) as temporary:
