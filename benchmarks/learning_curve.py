@@ -14,10 +14,11 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
+from pourcast.cli.terminal import progress_bar
 from pourcast.convnet.network import Card, read_card, read_network
 from pourcast.report.figures.style import BLUE, COLUMN, GREY, RC, new_figure, save_figure
 from pourcast.training.data import Draws, drawn_scenes
-from pourcast.training.pair import Request, default_recipe, train_networks
+from pourcast.training.pair import HELD_OUT, Request, default_recipe, train_networks
 
 COUNTS = (500, 1000, 2000, 5000, 10_000)
 HONEY = 2500
@@ -26,20 +27,11 @@ ALEXNET = {"height": 128, "width": 128, "passes": 8, "learning_rate": 1e-4}
 PARTS = ("curve", "alexnet", "honey")
 
 
-def tell(what: str, done: int, total: int) -> None:
-    now = time.monotonic()
-    if now - tell.said > 60.0:  # type: ignore[attr-defined]
-        tell.said = now  # type: ignore[attr-defined]
-        print(f"{what}: {done} of {total}", file=sys.stderr, flush=True)
-
-
-tell.said = 0.0  # type: ignore[attr-defined]
-
-
 def trained(folder: Path, name: str, request: Request) -> Path:
     """The last network of a request; says how long it took."""
     begin = time.monotonic()
-    made = train_networks(folder / name, request, data=folder / "data", report=tell)
+    with progress_bar() as report:
+        made = train_networks(folder / name, request, data=folder / "data", report=report)
     print(f"{name}: {(time.monotonic() - begin) / 60:.1f} minutes", file=sys.stderr, flush=True)
     return made[-1]
 
@@ -58,7 +50,7 @@ def raw_r(path: Path, card: Card) -> float:
     """Correlation with the truth of what a network says of the pictures alone."""
     network = read_network(path)
     data = path.parents[1] / "data"
-    scenes = drawn_scenes(data, Draws(card.experiment, card.seed, stream="held-out"), 120)
+    scenes = drawn_scenes(data, Draws(card.experiment, card.seed, stream="held-out"), HELD_OUT)
     assert card.held_out is not None
     return float(np.corrcoef([network.both(s)[0] for s in scenes], card.held_out.truth)[0, 1])
 

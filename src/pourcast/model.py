@@ -317,6 +317,17 @@ def make_model(spec: str) -> Model:
     >>> make_model("water-ife:n_particles=75").n_particles
     75
     """
+    return build_model(*parse_spec(spec))
+
+
+def parse_spec(spec: str) -> tuple[str, dict[str, str]]:
+    """Name of a model, and the texts of its parameters, from a spec; see `make_model`.
+
+    Examples
+    --------
+    >>> parse_spec("water-ife: n_particles=75, damping_zeta=8")
+    ('water-ife', {'n_particles': '75', 'damping_zeta': '8'})
+    """
     name, _, assignments = spec.strip().partition(":")
     values: dict[str, str] = {}
     for assignment in filter(None, assignments.split(",")):
@@ -324,7 +335,7 @@ def make_model(spec: str) -> Model:
         if not equals:
             raise InputError(f"model {name!r}: expected parameter=value, found {assignment!r}")
         values[key] = text
-    return build_model(name, values)
+    return name, values
 
 
 def build_model(name: str, values: typing.Mapping[str, str]) -> Model:

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError, StoreError
-from pourcast.model import make_model, presets, resolve_liquid
+from pourcast.model import make_model, parse_spec, presets, resolve_liquid
 from pourcast.scene import Scene
 from pourcast.sweep.executors.choose import ClusterOptions, make_executor
 from pourcast.sweep.grid import Grid, parse_grid
@@ -58,10 +58,12 @@ def labels_of(specs: Sequence[str]) -> dict[str, str]:
 
 
 def _without_wanted(spec: str) -> str:
-    name, _, assignments = spec.strip().partition(":")
+    name, values = parse_spec(spec)
     wanted = presets().get(name, {}).get("wants")
-    kept = [a for a in assignments.split(",") if a.partition("=")[0].strip() != wanted]
-    return ":".join(filter(None, (name, ",".join(kept)))) if wanted else spec
+    if wanted is None:
+        return spec
+    kept = ",".join(f"{key}={text}" for key, text in values.items() if key != wanted)
+    return f"{name}:{kept}" if kept else name
 
 
 @dataclass(frozen=True)
@@ -263,10 +265,8 @@ def grid_text(requests: Sequence[Request], scene: Scene) -> str:
     for liquid, spec in requests:
         make_model(spec)
         resolve_liquid(liquid, scene)
-        name, _, assignments = spec.strip().partition(":")
+        name, values = parse_spec(spec)
         lines = ["[[models]]", f"model = {json.dumps(name)}", f"liquids = [{json.dumps(liquid)}]"]
-        pairs = [assignment.partition("=") for assignment in filter(None, assignments.split(","))]
-        values = {key.strip(): value.strip() for key, _, value in pairs}
         lines += [f"parameters.{key} = {json.dumps(value)}" for key, value in values.items()]
         entries.append("\n".join(lines))
     return "\n\n".join(entries) + "\n"

@@ -13,14 +13,15 @@ from pourcast.cli.options import (
     ResampleOption,
     SeedOption,
     StudyArgument,
+    WorkersOption,
 )
 from pourcast.cli.scenes import Experiment
 from pourcast.cli.terminal import (
-    InterruptedWorkError,
     print_json,
     print_table,
     progress_bar,
     records,
+    resumable,
 )
 
 if TYPE_CHECKING:
@@ -260,7 +261,7 @@ def reproduce(
     convnet_scenes: Annotated[
         int | None, typer.Option(min=1, help="Their training scenes [10000, quick 500].")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes [all cores].")] = None,
+    workers: WorkersOption = None,
     seed: SeedOption = 1,
 ) -> None:
     """Reproduce the paper's experiment, from nothing to a report beside the published values.
@@ -277,11 +278,6 @@ def reproduce(
         experiment.value, quick, seed, scenes, responses, carry_from, tuple(exclude or ()), percent,
         with_convnet, convnet_scenes,
     )  # fmt: skip
-    try:
-        with progress_bar() as bar:
-            found, page = run(out, wanted, workers, bar)
-    except KeyboardInterrupt:
-        raise InterruptedWorkError(
-            f"interrupted: what is done lies in {out}; the same command goes on from there"
-        ) from None
+    with resumable(out), progress_bar() as bar:
+        found, page = run(out, wanted, workers, bar)
     _print_report(found, page)

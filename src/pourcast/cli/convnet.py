@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pourcast.cli.app import app
-from pourcast.cli.options import JsonOption, SeedOption
+from pourcast.cli.options import JsonOption, SeedOption, WorkersOption
 from pourcast.cli.scenes import Experiment
-from pourcast.cli.terminal import InterruptedWorkError, print_json, print_table, progress_bar
+from pourcast.cli.terminal import print_json, print_table, progress_bar, resumable
 from pourcast.errors import InputError
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def train(
         Path | None, typer.Option(help="Folder of scenes and labels, to share [OUTPUT/data].")
     ] = None,
     device: Annotated[str, typer.Option(help="What trains: auto, cpu, cuda ...")] = "auto",
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes [all cores].")] = None,
+    workers: WorkersOption = None,
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -87,17 +87,17 @@ def train(
 
     recipe = _recipe(backbone, start, size, quick, passes, learning_rate)
     request = Request(
-        experiment.value, scenes or DEFAULT_SCENES, honey_scenes, recipe, seed, not keep_all
+        experiment.value,
+        DEFAULT_SCENES if scenes is None else scenes,
+        honey_scenes,
+        recipe,
+        seed,
+        not keep_all,
     )
-    try:
-        with progress_bar() as report:
-            made = train_networks(
-                out, request, data=data, device=device, workers=workers, report=report
-            )
-    except KeyboardInterrupt:
-        raise InterruptedWorkError(
-            f"interrupted: what is done lies in {out}; the same command goes on from there"
-        ) from None
+    with resumable(out), progress_bar() as report:
+        made = train_networks(
+            out, request, data=data, device=device, workers=workers, report=report
+        )
     cards = {path: read_card(path) for path in made}
     if as_json:
         print_json({str(path): _facts(card) for path, card in cards.items()})
@@ -139,10 +139,8 @@ def _recipe(
 
 
 def _facts(card: "Card") -> dict[str, Any]:
-    facts = card.model_dump(mode="json")
-    if card.held_out is not None:
-        del facts["held_out"]["truth"], facts["held_out"]["judgments"]
-    return facts
+    single = {"held_out": {"truth", "judgments"}}  # numbers for each scene
+    return card.model_dump(mode="json", exclude=single)
 
 
 @networks.command()

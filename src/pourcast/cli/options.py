@@ -47,6 +47,7 @@ ModelOption = Annotated[
 LiquidOption = Annotated[LiquidName, typer.Option(help="Liquid shown in the trials.")]
 SeedOption = Annotated[int, typer.Option(min=0, help="Source of all randomness.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes [all cores].")]
 StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY", help="A study folder.")]
 ResampleOption = Annotated[
     Resampled, typer.Option(help="What the intervals' bootstrap draws again.")

@@ -22,9 +22,9 @@ from pourcast.cli.options import (
     StudyArgument,
 )
 from pourcast.cli.terminal import (
-    LOG_EVERY,
     InterruptedWorkError,
     bar_on_stderr,
+    line_now_and_then,
     print_json,
     print_table,
     progress_bar,
@@ -160,12 +160,11 @@ def _sweep_bar() -> Iterator[Any]:
 
     columns = (TextColumn("{task.description}"), BarColumn(), Remaining(elapsed_when_finished=True))
     begin = time.monotonic()
-    said = begin
     with bar_on_stderr(*columns) as bar:
         task = bar.add_task("starting", total=None)
+        say = line_now_and_then(bar)
 
         def report(now: "SweepProgress") -> None:
-            nonlocal said
             rate = now.simulations / max(1e-9, time.monotonic() - begin)
             words = (
                 f"{now.shards} of {now.all_shards} shards, {now.simulations} of "
@@ -173,9 +172,7 @@ def _sweep_bar() -> Iterator[Any]:
             )
             words += f", {now.failed} failed tries" if now.failed else ""
             bar.update(task, description=words, completed=now.seconds, total=now.all_seconds)
-            if bar.disable and time.monotonic() - said > LOG_EVERY:
-                said = time.monotonic()
-                typer.echo(f"{words}; {_time_left(now, said - begin)} left", err=True)
+            say(f"{words}; {_time_left(now, time.monotonic() - begin)} left")
 
         yield report
 

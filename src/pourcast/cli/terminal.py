@@ -2,8 +2,9 @@
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -14,6 +15,30 @@ LOG_EVERY = 60.0
 
 class InterruptedWorkError(Exception):
     """Ctrl-C in long work that can be gone on with; the message says how far it is."""
+
+
+@contextmanager
+def resumable(folder: Path) -> Iterator[None]:
+    """Long work in a folder that the same command goes on with after Ctrl-C; says so."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise InterruptedWorkError(
+            f"interrupted: what is done lies in {folder}; the same command goes on from there"
+        ) from None
+
+
+def line_now_and_then(bar: Any) -> Callable[[str], None]:
+    """What prints a line on stderr where there is no terminal for a bar, each `LOG_EVERY`."""
+    said = time.monotonic()
+
+    def say(line: str) -> None:
+        nonlocal said
+        if bar.disable and time.monotonic() - said > LOG_EVERY:
+            said = time.monotonic()
+            typer.echo(line, err=True)
+
+    return say
 
 
 @contextmanager
@@ -41,14 +66,11 @@ def progress_bar() -> Iterator[Any]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
     with bar_on_stderr(*columns) as bar:
         task = bar.add_task("starting", total=None)
-        said = time.monotonic()
+        say = line_now_and_then(bar)
 
         def report(what: str, done: int, total: int) -> None:
-            nonlocal said
             bar.update(task, description=what, completed=done, total=total)
-            if bar.disable and time.monotonic() - said > LOG_EVERY:
-                said = time.monotonic()
-                typer.echo(f"{what}: {done} of {total}", err=True)
+            say(f"{what}: {done} of {total}")
 
         yield report
 

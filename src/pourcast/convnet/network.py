@@ -226,15 +226,27 @@ class Network:
         InputError
             If a scene's goal is not that of the experiment it was trained for.
         """
+        return judged(self.pairs(scenes, progress))
+
+    def pairs(
+        self, scenes: Sequence[Scene], progress: Callable[[int, int], None] | None = None
+    ) -> NDArray[np.float64]:
+        """What the network says of pictures and of mirror images; see `judge` and `both`.
+
+        Returns
+        -------
+        ndarray
+            Shape [scene_count, 2].
+        """
         self._check_goals(scenes)
-        judgments = np.empty(len(scenes))
+        pairs = np.empty((len(scenes), 2))
         alone = partial(torch_module().set_num_threads, 1)
-        with one_thread(), ThreadPoolExecutor(available_cores(), initializer=alone) as pool:
+        with _one_thread(), ThreadPoolExecutor(available_cores(), initializer=alone) as pool:
             for k, said in enumerate(pool.map(self.both, scenes)):
-                judgments[k] = np.mean(said)
+                pairs[k] = said
                 if progress is not None:
                     progress(k + 1, len(scenes))
-        return np.clip(judgments, 0.0, 1.0)
+        return pairs
 
     def both(self, scene: Scene) -> tuple[float, float]:
         """What the network says of a scene's picture, and of its mirror image; may leave 0..1."""
@@ -253,8 +265,14 @@ class Network:
                 )
 
 
+def judged(pairs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Judgments from what a network says of pictures and of mirror images (`Network.pairs`)."""
+    mean: NDArray[np.float64] = pairs.mean(axis=1)
+    return np.clip(mean, 0.0, 1.0)
+
+
 @contextmanager
-def one_thread() -> Iterator[None]:
+def _one_thread() -> Iterator[None]:
     """Let torch compute on one core, so that its sums don't depend on the machine's number."""
     torch = torch_module()
     before = torch.get_num_threads()

@@ -90,8 +90,8 @@ class JudgeSetting:
             "seed": self.seed,
             "source": model_source(type(self.model)),
         }
-        if self.model.fingerprint:
-            content["fingerprint"] = self.model.fingerprint
+        if fingerprint := self.model.fingerprint:
+            content["fingerprint"] = fingerprint
         return json.dumps(content, sort_keys=True)
 
     @cached_property

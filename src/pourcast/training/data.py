@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
@@ -128,15 +129,10 @@ def _piece(draws: Draws, place: int, size: int) -> list[Scene]:
     ]
 
 
-def _plain(family: SceneFamily, count: int, seed: int) -> list[Scene]:
+def _plain(family: SceneFamily, wanted: int, seed: int) -> list[Scene]:
     """First scenes of a family, whatever the liquid does in them."""
-    found: list[Scene] = []
-    index = 0
-    while len(found) < count:
-        scene = drawn_scene(family, seed, index)
-        found += [] if scene is None else [scene]
-        index += 1
-    return found
+    draws = (drawn_scene(family, seed, index) for index in count())
+    return list(islice((scene for scene in draws if scene is not None), wanted))
 
 
 def truth_labels(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pourcast.compare.correlation import pearson
 from pourcast.convnet.backbones import layers_of, torch_module
 from pourcast.convnet.network import Epoch, Recipe, outputs, tensor_of
 from pourcast.convnet.picture import STRAIGHT, Pictures, View, paint
@@ -342,9 +343,8 @@ class _Learner:
 
 def correlation(one: Array, other: Array) -> float | None:
     """Pearson's r; None without spread."""
-    if len(one) < 3 or np.std(one) < 1e-12 or np.std(other) < 1e-12:
-        return None
-    return float(np.corrcoef(one, other)[0, 1])
+    r = float(pearson(one, other[None])[0])
+    return r if np.isfinite(r) else None
 
 
 def half_precision(device: str) -> Any:

@@ -24,7 +24,7 @@ from pourcast.convnet.network import (
     HeldOut,
     Network,
     Recipe,
-    one_thread,
+    judged,
     read_card,
     read_network,
     write_network,
@@ -164,10 +164,12 @@ def train_networks(
     torch_module()
     device = find_device(device)
     check_writable(folder / "water.json")
-    for liquid in request.liquids:
-        _check_there(folder / f"{liquid}{SUFFIX}", request, liquid)
+    paths = {liquid: folder / f"{liquid}{SUFFIX}" for liquid in request.liquids}
+    missing = [liquid for liquid, path in paths.items() if not _is_there(path, request, liquid)]
     labelled = _Labelled(data or folder / "data", request, workers, report)
-    return [_trained(folder, labelled, liquid, device, report) for liquid in request.liquids]
+    for liquid in missing:
+        _train_one(folder, labelled, liquid, device, report)
+    return list(paths.values())
 
 
 def find_device(name: str) -> str:
@@ -202,7 +204,7 @@ def _wanted(request: Request, liquid: str) -> dict[str, Any]:
     }
 
 
-def _check_there(path: Path, request: Request, liquid: str) -> bool:
+def _is_there(path: Path, request: Request, liquid: str) -> bool:
     """Whether a network is there already; another one is refused."""
     if not path.is_file():
         return False
@@ -219,12 +221,10 @@ def _check_there(path: Path, request: Request, liquid: str) -> bool:
     return True
 
 
-def _trained(
+def _train_one(
     folder: Path, labelled: "_Labelled", liquid: str, device: str, report: Report | None
-) -> Path:
+) -> None:
     path, request = folder / f"{liquid}{SUFFIX}", labelled.request
-    if _check_there(path, request, liquid):
-        return path
     model, first_weights, knows = _first(folder, request, liquid)
     examples, held_out = labelled.examples(liquid), labelled.held_out(liquid)
     learned_from, validation = split(examples, request.seed)
@@ -253,7 +253,6 @@ def _trained(
     write_network(path, Network(network.model, tried))
     draw_card(path.with_suffix(".png"), tried)
     training.checkpoint.unlink(missing_ok=True)
-    return path
 
 
 @dataclass(frozen=True)
@@ -312,9 +311,8 @@ def _tried(network: Network, held_out: Examples, report: Report | None) -> HeldO
         if report is not None:
             report("judging held-out scenes", done, total)
 
-    said = network.judge(held_out.scenes, tell)
-    with one_thread():
-        pairs = np.array([network.both(scene) for scene in held_out.scenes])
+    pairs = network.pairs(held_out.scenes, tell)
+    said = judged(pairs)
     return HeldOut(
         scenes=len(held_out.scenes),
         r=correlation(said, held_out.labels),
