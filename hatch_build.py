@@ -12,7 +12,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-WEB = Path(__file__).parent / "src" / "pourcast" / "experiment" / "web"
+WEB = Path(__file__).parent / "src" / "pourcast" / "experiment" / "page" / "web"
 DIST = WEB / "dist"
 SOURCES = ("package-lock.json", "package.json", "build.mjs", "tsconfig.json", "src/**/*")
 
@@ -39,7 +39,7 @@ class BuildHook(BuildHookInterface[Any]):
                 self.app.display_warning(f"the participants' page was not built: {problem}")
                 return
             stamp.write_text(digest)
-        build_data["artifacts"].append("src/pourcast/experiment/web/dist/**")
+        build_data["artifacts"].append("src/pourcast/experiment/page/web/dist/**")
 
 
 def _build() -> str:

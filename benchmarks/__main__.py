@@ -16,11 +16,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks import ceiling, peers
-from pourcast.bench import COUNTS, obstacle_courses, speed, undamped_jobs
 from pourcast.engine.batch import available_cores, run_batch
 from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
 from pourcast.engine.simd import LANES
-from pourcast.simulation import EngineSettings
+from pourcast.simulation.settings import EngineSettings
+from pourcast.sweep.bench import COUNTS, obstacle_courses, speed, undamped_jobs
 
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "speed.png"
 GROWTH_COUNTS = (15, 50, 100, 200, 300, 301, 500, 1000, 2000, 5000)

@@ -10,15 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pourcast.bench import (
-    DURATION,
-    PAPER_STEP,
-    obstacle_courses,
-    undamped_jobs,
-)
 from pourcast.engine.batch import Job, Stepping, run_batch
 from pourcast.engine.simd import LANES
 from pourcast.engine.solids import Solids
+from pourcast.sweep.bench import DURATION, PAPER_STEP, obstacle_courses, undamped_jobs
 
 STEPS = round(DURATION / PAPER_STEP)
 STEPPING = Stepping(PAPER_STEP, 200)

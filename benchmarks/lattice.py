@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from pourcast.demo import demo_scenes
+from pourcast.pictures.demo import demo_scenes
 from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow, LatticeSettings
 from pourcast.stimuli.lattice_boltzmann.voxels import voxelise
 from pourcast.stimuli.recipe import LatticeRecipe

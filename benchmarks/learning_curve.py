@@ -15,10 +15,10 @@ import matplotlib as mpl
 import numpy as np
 
 from pourcast.cli.terminal import progress_bar
-from pourcast.convnet.network import Card, read_card, read_network
-from pourcast.report.figures.style import BLUE, COLUMN, GREY, RC, new_figure, save_figure
-from pourcast.training.data import Draws, drawn_scenes
-from pourcast.training.pair import HELD_OUT, Request, default_recipe, train_networks
+from pourcast.networks.network import Card, read_card, read_network
+from pourcast.networks.training.data import Draws, drawn_scenes
+from pourcast.networks.training.pair import HELD_OUT, Request, default_recipe, train_networks
+from pourcast.pictures.style import BLUE, COLUMN, GREY, RC, new_figure, save_figure
 
 COUNTS = (500, 1000, 2000, 5000, 10_000)
 HONEY = 2500

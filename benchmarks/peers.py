@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks import splishsplash
-from pourcast.bench import BATCH, DURATION, PAPER_STEP, undamped_jobs
 from pourcast.engine.batch import Job, fill_lane
 from pourcast.engine.state import empty_lanes
+from pourcast.sweep.bench import BATCH, DURATION, PAPER_STEP, undamped_jobs
 
 STEPS = round(DURATION / PAPER_STEP)
 MARBLE_STEP = 1e-3

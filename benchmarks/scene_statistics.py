@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from pourcast import predict
-from pourcast.generate.select import CoarseFilter, filtered_scenes
-from pourcast.generate.voronoi import VoronoiFamily
 from pourcast.report.published import EXP1_TRUTH_HONEY, EXP1_TRUTH_WATER
+from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.study.selection import CoarseFilter, filtered_scenes
 
 RIVALS = ("gravity", "water-simple", "honey-simple")
 """Cheap enough for many scenes. MarbleSim hardly moves with the scenes."""

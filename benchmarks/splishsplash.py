@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pourcast.bench import DURATION, PAPER_STEP, undamped_jobs
-from pourcast.generate.importers.splishsplash import UNIT_BOX, prism_obj
+from pourcast.scenes.importers.splishsplash import UNIT_BOX, prism_obj
+from pourcast.sweep.bench import DURATION, PAPER_STEP, undamped_jobs
 
 BLOCKS = {25: (4, 3, 2), 50: (5, 5, 2), 75: (5, 5, 3), 100: (5, 5, 4), 200: (5, 8, 5)}
 """Particles along x, y and z; 24 for 25, as it fills no single layer."""

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.engine.batch import available_cores
-from pourcast.judgments import predict
-from pourcast.scene import Scene
+from pourcast.prediction import predict
+from pourcast.scenes.scene import Scene
 from pourcast.stimuli.recipe import FILM_SECONDS, LatticeRecipe
 from pourcast.stimuli.solvers.lbm import pour_to_end
-from pourcast.study import SceneRequest, generate_scenes
+from pourcast.study.folder import SceneRequest, generate_scenes
 
 Array = NDArray[np.float64]
 

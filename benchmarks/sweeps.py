@@ -11,10 +11,10 @@ import tempfile
 import time
 from pathlib import Path
 
-from pourcast.generate.select import drawn_scene
-from pourcast.generate.voronoi import VoronoiFamily
-from pourcast.scene import Scene
-from pourcast.simulation import simulate
+from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.run import simulate
+from pourcast.study.selection import drawn_scene
 from pourcast.sweep.executors.dask import DaskExecutor
 from pourcast.sweep.executors.local import LocalExecutor
 from pourcast.sweep.grid import parse_grid

@@ -11,9 +11,9 @@ import argparse
 import numpy as np
 
 from pourcast import predict, summarise
-from pourcast.model import complete_presets
+from pourcast.models.registry import complete_presets
 from pourcast.report.published import EXP1_TRUTH_HONEY, EXP1_TRUTH_WATER
-from pourcast.study import SceneRequest, generate_scenes
+from pourcast.study.folder import SceneRequest, generate_scenes
 
 HEAD = """# Every model against both ground truths
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pourcast.scene import Scene
+from pourcast.scenes.scene import Scene
 from tests.make import ramp_scene
 
 

@@ -8,10 +8,11 @@ from pourcast.engine.batch import Job, Result, Stepping, fill_lane, run_batch
 from pourcast.engine.kernel import GRADIENT_FACTOR
 from pourcast.engine.solids import Solids, pack_solids
 from pourcast.engine.state import Lanes, State, empty_lanes, empty_state
-from pourcast.generate.select import drawn_scene
-from pourcast.generate.shapes import ShapesFamily
-from pourcast.generate.voronoi import VoronoiFamily
-from pourcast.scene import Basins, LiquidStart, Scene
+from pourcast.scenes.families.shapes import ShapesFamily
+from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.scenes.goals.basins import Basins
+from pourcast.scenes.scene import LiquidStart, Scene
+from pourcast.study.selection import drawn_scene
 
 Array = npt.NDArray[np.float64]
 

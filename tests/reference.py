@@ -4,7 +4,8 @@ import numpy as np
 
 from pourcast.engine.contact import MIN_CLEARANCE, TOUCH_SKIN
 from pourcast.engine.packing import pack_cylinder, reference_density
-from pourcast.simulation import GRAVITY, EngineSettings, Pour
+from pourcast.simulation.pour import GRAVITY, Pour
+from pourcast.simulation.settings import EngineSettings
 
 PASSES, NOTICED = 4, 1e-3
 

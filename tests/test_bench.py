@@ -7,7 +7,8 @@ import pytest
 from benchmarks import __main__ as benchmark
 from benchmarks import ceiling
 
-from pourcast import bench, cli
+from pourcast import cli
+from pourcast.sweep import bench
 from pourcast.sweep.grid import parse_grid
 
 

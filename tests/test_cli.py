@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from pourcast import cli
-from pourcast.scene import read_scenes, write_scenes
+from pourcast.scenes.scene_file import read_scenes, write_scenes
 from tests.make import ramp_scene, random_scenes
 from tests.test_docs import COMMANDS
 
@@ -250,7 +250,7 @@ def test_a_failure_of_ours_is_exit_1_without_a_traceback(tmp_path, capsys, monke
     def fail(path):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("pourcast.study.load_scenes", fail)
+    monkeypatch.setattr("pourcast.study.folder.load_scenes", fail)
     assert call("predict", scene_file(tmp_path)) == 1
     assert capsys.readouterr().err.startswith("pourcast: RuntimeError: a bug")
 
@@ -258,7 +258,7 @@ def test_a_failure_of_ours_is_exit_1_without_a_traceback(tmp_path, capsys, monke
 def test_an_existing_table_survives_a_failed_run(tmp_path, monkeypatch):
     path, out = scene_file(tmp_path), tmp_path / "j.csv"
     out.write_text("precious")
-    monkeypatch.setattr("pourcast.judgments.pd.DataFrame.to_csv", _disk_full)
+    monkeypatch.setattr("pourcast.tables.pd.DataFrame.to_csv", _disk_full)
     assert call("predict", path, "-m", "gravity", "-o", out) == 1
     assert out.read_text() == "precious"
     assert listing(tmp_path) == ["j.csv", "scenes.json"]

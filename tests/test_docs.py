@@ -52,7 +52,7 @@ def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
         if language == "python":
             exec(compile(text, str(page), "exec"), names)
         for line in text.splitlines() if language == "sh" else ():
-            if line in (*LONG_LINES, CYCLES_LINE) or "convnet" in line:  # see tests/convnet
+            if line in (*LONG_LINES, CYCLES_LINE) or "convnet" in line:  # see tests/networks
                 continue
             if line.startswith("pourcast experiment serve") and "--check" not in line:
                 serve(shlex.split(line)[3:])
@@ -82,7 +82,7 @@ def test_the_grid_of_the_how_to_is_the_example():
 
 
 def test_the_scene_of_the_reference_is_the_example():
-    from pourcast.scene import parse_scenes, read_scenes
+    from pourcast.scenes.scene_file import parse_scenes, read_scenes
 
     page = ROOT / "docs" / "reference" / "scene-file.md"
     text = next(text for language, text in snippets(page) if language == "json")

@@ -7,17 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pourcast.errors import InputError
-from pourcast.generate.convex import convex_pieces
-from pourcast.generate.select import (
+from pourcast.scenes.families.shapes import ShapesFamily
+from pourcast.scenes.families.voronoi import VoronoiFamily, bounded_voronoi
+from pourcast.scenes.goals.cup import Cup
+from pourcast.scenes.polygons import convex_pieces
+from pourcast.scenes.scene_file import scenes_to_json
+from pourcast.study.selection import (
     CoarseFilter,
     choose_contrast,
     contrasting_scenes,
     drawn_scene,
     filtered_scenes,
 )
-from pourcast.generate.shapes import ShapesFamily
-from pourcast.generate.voronoi import VoronoiFamily, bounded_voronoi
-from pourcast.scene import Cup, scenes_to_json
 
 
 def draws(family, count=40):
@@ -137,7 +138,7 @@ def test_any_star_is_split_into_convex_pieces_that_cover_it(radii):
 
 def test_a_study_that_was_interrupted_is_gone_on_with(tmp_path):
     from pourcast.errors import InputError
-    from pourcast.study import SceneRequest, new_study, open_study
+    from pourcast.study.folder import SceneRequest, new_study, open_study
 
     request = SceneRequest("exp1", 2, 3, 10)
     new_study(tmp_path / "whole", request)

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from pourcast.errors import InputError
-from pourcast.generate.importers import import_scene, splishsplash
+from pourcast.scenes.importers import import_scene, splishsplash
 from tests.make import ramp_scene, random_scenes
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -120,7 +120,7 @@ def test_plinko_drop_from_a_hole():
 
 
 def splice(content, tmp=None):
-    from pourcast.generate.importers import plinko as reader
+    from pourcast.scenes.importers import plinko as reader
 
     return reader.read(content, Path("world.json"), 1.0)
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from pourcast.compare.observer import Population
 from pourcast.errors import InputError
-from pourcast.experiment.observers import Observers, simulate_observers
-from pourcast.model import make_model
-from pourcast.responses import arrange
+from pourcast.models.registry import make_model
+from pourcast.observers.observers import Observers, simulate_observers
+from pourcast.statistics.observer import Population
+from pourcast.study.responses import arrange
 from tests.test_responses import scenes
 
 HEADS = {"water": "water-ife", "honey": "honey-ife-2"}
@@ -72,7 +72,7 @@ def test_answers_follow_the_heads():
 
 
 def test_they_can_be_read_as_responses(tmp_path):
-    from pourcast.responses import read_responses
+    from pourcast.study.responses import read_responses
 
     path = tmp_path / "r.csv"
     table_of(6).to_csv(path, index=False)

@@ -9,12 +9,13 @@ import tracemalloc
 import llvmlite.binding
 import numpy as np
 
-from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, bench, simulate
+from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.engine import sph
 from pourcast.engine.compile import kernel
 from pourcast.engine.solids import Cells, build_cells
-from pourcast.generate.select import filtered_scenes
-from pourcast.generate.voronoi import VoronoiFamily
+from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.study.selection import filtered_scenes
+from pourcast.sweep import bench
 from tests.make import job, loaded_block, ramp_scene, random_scenes, run_one
 
 FIRST_SIMULATION = """

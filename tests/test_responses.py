@@ -3,8 +3,8 @@ import pandas as pd
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.responses import arrange, exclude, read_responses, remarks
-from pourcast.scene import Cup
+from pourcast.scenes.goals.cup import Cup
+from pourcast.study.responses import arrange, exclude, read_responses, remarks
 from tests.make import ramp_scene
 
 

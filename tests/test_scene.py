@@ -9,12 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pourcast.errors import InputError
-from pourcast.scene import (
-    Basins,
-    Box,
-    Cup,
-    LiquidStart,
-    Scene,
+from pourcast.scenes.goals.basins import Basins
+from pourcast.scenes.goals.cup import Cup
+from pourcast.scenes.scene import Box, LiquidStart, Scene
+from pourcast.scenes.scene_file import (
     parse_scenes,
     read_scenes,
     scene_json_schema,
@@ -67,7 +65,7 @@ BAD_SCENES = {
         {"obstacles": [[["0.1", 0.5], [0.2, 0.5], [0.2, 0.6]]]}, "Input should be a number",
     ),
     "negative diameter": (
-        {"liquid": {"centre": [0.4, 1.3], "diameter": -1}}, r"liquid\.diameter: .*greater than 0",
+        {"liquid": {"centre": [0.4, 1.3], "diameter": -1}}, r"liquid\.diameter: expected a length in metres, more than 0",
     ),
     "unknown goal": ({"goal": {"kind": "bucket"}}, "goal"),
     "goal over the liquid": (

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from pourcast.liquid import WATER
 from pourcast.models.simple import SimpleSim
-from pourcast.scene import Basins, Box, Cup, LiquidStart, Scene
+from pourcast.scenes.goals.basins import Basins
+from pourcast.scenes.goals.cup import Cup
+from pourcast.scenes.liquids.registry import WATER
+from pourcast.scenes.scene import Box, LiquidStart, Scene
 
 TINY = 1e-4
 """Diameter of the liquid in these scenes [m]: all points fall at the same x."""

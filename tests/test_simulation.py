@@ -6,8 +6,11 @@ import pytest
 from pourcast.engine.batch import SimulationDivergedError, available_cores, run_batch
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.errors import InputError
-from pourcast.liquid import HONEY_EXP1, WATER, Liquid
-from pourcast.simulation import EngineSettings, Pour, simulate
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
+from pourcast.simulation.pour import Pour
+from pourcast.simulation.run import simulate
+from pourcast.simulation.settings import EngineSettings
 from tests.make import lattice_density, ramp_scene, random_scenes
 
 
@@ -31,7 +34,7 @@ def test_a_number_of_particles_out_of_range_is_refused(count):
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
 def test_a_liquid_checks_itself(value):
-    with pytest.raises(InputError, match="viscosity_alpha must be at least 0"):
+    with pytest.raises(InputError, match="viscosity_alpha: expected at least 0"):
         Liquid("odd", value)
 
 

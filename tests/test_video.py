@@ -4,7 +4,7 @@ import av
 import numpy as np
 import pytest
 
-from pourcast.video import write_film, write_gif
+from pourcast.pictures.video import write_film, write_gif
 
 
 def picture(number):

@@ -13,44 +13,52 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pourcast.demo import demo_scenes
     from pourcast.errors import InputError
-    from pourcast.generate.importers import import_scene
-    from pourcast.judgments import predict, summarise
-    from pourcast.liquid import HONEY_EXP1, HONEY_EXP2, WATER, Liquid
-    from pourcast.model import Model, SimulationModel, make_model, model_names, parameter
-    from pourcast.pictures import show
-    from pourcast.scene import (
-        Basins,
-        Box,
-        Cup,
-        LiquidStart,
-        Scene,
-        read_scenes,
-        write_scenes,
-    )
-    from pourcast.simulation import EngineSettings, Outcome, Pour, simulate
+    from pourcast.models.base import Model, SimulationModel, parameter
+    from pourcast.models.registry import make_model, model_names
+    from pourcast.pictures.demo import demo_scenes
+    from pourcast.pictures.show import show
+    from pourcast.prediction import predict, summarise
+    from pourcast.scenes.goals.base import Goal
+    from pourcast.scenes.goals.basins import Basins
+    from pourcast.scenes.goals.cup import Cup
+    from pourcast.scenes.importers import import_scene
+    from pourcast.scenes.liquids.base import Liquid
+    from pourcast.scenes.liquids.registry import HONEY_EXP1, HONEY_EXP2, WATER
+    from pourcast.scenes.scene import Box, LiquidStart, Scene
+    from pourcast.scenes.scene_file import read_scenes, write_scenes
+    from pourcast.simulation.pour import Outcome, Pour
+    from pourcast.simulation.run import simulate
+    from pourcast.simulation.settings import EngineSettings
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "demo": ("demo_scenes",),
     "errors": ("InputError",),
-    "generate.importers": ("import_scene",),
-    "liquid": ("HONEY_EXP1", "HONEY_EXP2", "WATER", "Liquid"),
-    "model": ("Model", "SimulationModel", "make_model", "model_names", "parameter"),
-    "judgments": ("predict", "summarise"),
-    "scene": ("Basins", "Box", "Cup", "LiquidStart", "Scene", "read_scenes", "write_scenes"),
-    "pictures": ("show",),
-    "simulation": ("EngineSettings", "Outcome", "Pour", "simulate"),
+    "models.base": ("Model", "SimulationModel", "parameter"),
+    "models.registry": ("make_model", "model_names"),
+    "pictures.demo": ("demo_scenes",),
+    "pictures.show": ("show",),
+    "prediction": ("predict", "summarise"),
+    "scenes.goals.base": ("Goal",),
+    "scenes.goals.basins": ("Basins",),
+    "scenes.goals.cup": ("Cup",),
+    "scenes.importers": ("import_scene",),
+    "scenes.liquids.base": ("Liquid",),
+    "scenes.liquids.registry": ("HONEY_EXP1", "HONEY_EXP2", "WATER"),
+    "scenes.scene": ("Box", "LiquidStart", "Scene"),
+    "scenes.scene_file": ("read_scenes", "write_scenes"),
+    "simulation.pour": ("Outcome", "Pour"),
+    "simulation.run": ("simulate",),
+    "simulation.settings": ("EngineSettings",),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "HONEY_EXP1", "HONEY_EXP2", "WATER", "Basins", "Box", "Cup", "EngineSettings", "InputError",
-    "Liquid", "LiquidStart", "Model", "Outcome", "Pour", "Scene", "SimulationModel", "demo_scenes",
-    "import_scene", "make_model", "model_names", "parameter", "predict", "read_scenes", "show",
-    "simulate", "summarise", "write_scenes",
+    "HONEY_EXP1", "HONEY_EXP2", "WATER", "Basins", "Box", "Cup", "EngineSettings", "Goal",
+    "InputError", "Liquid", "LiquidStart", "Model", "Outcome", "Pour", "Scene", "SimulationModel",
+    "demo_scenes", "import_scene", "make_model", "model_names", "parameter", "predict",
+    "read_scenes", "show", "simulate", "summarise", "write_scenes",
 ]  # fmt: skip
 
 

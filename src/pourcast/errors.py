@@ -1,4 +1,11 @@
-"""Errors that the command line shows as one line."""
+"""Errors that the command line shows as one line, and the words that they are made of."""
+
+import difflib
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class InputError(ValueError):
@@ -28,3 +35,37 @@ class TrainingError(RuntimeError):
 
     The message is one line. The command line prints it and exits with status 1.
     """
+
+
+def unknown(name: str, known: Iterable[str]) -> str:
+    """Half a sentence about a name that is not known: the nearest one, and all of them.
+
+    Examples
+    --------
+    >>> unknown("watr", ["water", "honey"])
+    "there is no 'watr'; did you mean 'water'? known: water, honey"
+    """
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"there is no {name!r}; {hint}known: {', '.join(names)}"
+
+
+def one_line(error: "ValidationError") -> str:
+    """First complaint of a validation error: the field's path, what was expected and found."""
+    first = error.errors()[0]
+    path = ""
+    for part in first["loc"]:
+        if isinstance(part, int):
+            path += f"[{part}]"
+        else:
+            path += f".{part}" if path else str(part)
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] in _BOUNDS:
+        message += f", found {first['input']}"
+    others = len(error.errors()) - 1
+    more = f" (and {others} more)" if others else ""
+    return f"{path}: {message}{more}" if path else message + more
+
+
+_BOUNDS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")

@@ -2,5 +2,8 @@
 
 from collections.abc import Callable
 
+Progress = Callable[[int, int], None]
+"""Called with how much is done, and how much there is."""
+
 Report = Callable[[str, int, int], None]
 """Called with what is going on, how much of it is done, and how much there is."""

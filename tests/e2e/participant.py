@@ -3,10 +3,10 @@
 import json
 import re
 
-from pourcast.experiment.links import key
-from pourcast.experiment.server import create_app
-from pourcast.experiment.service import Experiment
-from pourcast.experiment.storage import Storage
+from pourcast.experiment.design.links import key
+from pourcast.experiment.server.app import create_app
+from pourcast.experiment.server.service import Experiment
+from pourcast.experiment.storage.storage import Storage
 
 
 def open_experiment(study, **options):

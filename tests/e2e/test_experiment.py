@@ -18,12 +18,12 @@ import pandas as pd
 import pytest
 
 from pourcast import cli
-from pourcast.experiment.browser import chromium, drive_observers, served
-from pourcast.experiment.data import trials_table
-from pourcast.experiment.links import key
-from pourcast.experiment.rehearsal import Rehearsal
-from pourcast.experiment.server import create_app
-from pourcast.experiment.storage import Storage
+from pourcast.experiment.data.tables import trials_table
+from pourcast.experiment.design.links import key
+from pourcast.experiment.server.app import create_app
+from pourcast.experiment.storage.storage import Storage
+from pourcast.observers.browser import chromium, drive_observers, served
+from pourcast.observers.rehearsal import Rehearsal
 from tests.e2e.participant import Participant, lab_link, open_experiment, saved
 from tests.experiment.make import EXP1, EXP2, small_study
 
@@ -544,7 +544,7 @@ def test_jatos_gets_each_answer_as_it_comes(tmp_path, browser):
     assert session.participant not in ("p7", "")
 
 
-AXE = ROOT / "src/pourcast/experiment/web/node_modules/axe-core/axe.min.js"
+AXE = ROOT / "src/pourcast/experiment/page/web/node_modules/axe-core/axe.min.js"
 
 
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is there once the page has been built")

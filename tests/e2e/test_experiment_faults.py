@@ -16,10 +16,10 @@ import time
 import pytest
 
 from pourcast import cli
-from pourcast.experiment.browser import chromium
-from pourcast.experiment.data import trials_table
-from pourcast.experiment.journal import Journal
-from pourcast.experiment.storage import Storage
+from pourcast.experiment.data.tables import trials_table
+from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.storage import Storage
+from pourcast.observers.browser import chromium
 from tests.e2e.participant import Participant
 from tests.experiment.make import EXP1, EXP2, small_study
 from tests.experiment.server_process import CuttingProxy, ServerProcess, Sturdy

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pourcast import cli
-from pourcast.scene import write_scenes
+from pourcast.scenes.scene_file import write_scenes
 from pourcast.stimuli.manifest import read_set, set_folder
 from pourcast.sweep.store import Store
 from tests.make import ramp_scene

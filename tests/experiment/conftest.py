@@ -11,11 +11,11 @@ import pytest
 import sqlalchemy as sa
 from starlette.testclient import TestClient
 
-from pourcast.experiment.admin import admin_routes
-from pourcast.experiment.links import key
-from pourcast.experiment.server import create_app
-from pourcast.experiment.service import Experiment
-from pourcast.experiment.storage import Storage
+from pourcast.experiment.design.links import key
+from pourcast.experiment.server.admin import admin_routes
+from pourcast.experiment.server.app import create_app
+from pourcast.experiment.server.service import Experiment
+from pourcast.experiment.storage.storage import Storage
 from tests.experiment.make import answer, small_study
 
 SCRIPT = Path(__file__).parent / "postgres.sh"

@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from pourcast.experiment.plan import PRACTICE
-from pourcast.experiment.storage import Arrival
+from pourcast.experiment.design.plan import PRACTICE
+from pourcast.experiment.storage.storage import Arrival
 from pourcast.files import write_text
-from pourcast.scene import Scene, write_scenes
+from pourcast.pictures.video import write_film
+from pourcast.scenes.scene import Scene
+from pourcast.scenes.scene_file import write_scenes
 from pourcast.stimuli.manifest import (
     Manifest,
     Stimulus,
@@ -18,7 +20,6 @@ from pourcast.stimuli.manifest import (
     write_set,
 )
 from pourcast.stimuli.recipe import QUICK
-from pourcast.video import write_film
 from tests.make import random_scenes
 
 EXP1 = 'groups = [["water"]]\npractice = 1\nfullscreen = false\n'

@@ -5,8 +5,8 @@ import socket
 import pytest
 
 from pourcast import cli
-from pourcast.experiment import pages
-from pourcast.experiment.serve import Address, lock_study
+from pourcast.experiment.page import pages
+from pourcast.experiment.server.serve import Address, lock_study
 from tests.experiment.make import small_study
 from tests.experiment.server_process import ServerProcess, Sturdy
 

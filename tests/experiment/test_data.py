@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 from pourcast import cli
-from pourcast.analysis.people import study_responses
 from pourcast.errors import InputError
-from pourcast.experiment.data import PARTICIPANT_COLUMNS, TRIAL_COLUMNS, defused
-from pourcast.responses import arrange
-from pourcast.study import study_scenes
+from pourcast.experiment.data.responses import study_responses
+from pourcast.experiment.data.tables import PARTICIPANT_COLUMNS, TRIAL_COLUMNS, defused
+from pourcast.study.folder import study_scenes
+from pourcast.study.responses import arrange
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, answer, judgment, small_study
 
@@ -31,7 +31,7 @@ def collected(tmp_path):
         for step in half["steps"][:8]:
             api.put(half, step["seq"], answer(step["kind"], 0.75))
         api.put(half, 3, judgment(0.1))
-        from pourcast.experiment.links import key
+        from pourcast.experiment.design.links import key
 
         api.run(api.begin("request-3", link={"preview": key(api.storage.secret, "preview")}).json())
     return study

@@ -3,7 +3,7 @@
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.experiment.design import NAME, Design, default_design, read_design, texts_of
+from pourcast.experiment.design.settings import NAME, Design, default_design, read_design, texts_of
 from pourcast.files import write_text
 
 
@@ -67,7 +67,7 @@ def test_a_studys_own_words_stand_over_the_languages(tmp_path):
 def test_a_translation_is_one_file_and_must_be_whole(tmp_path):
     from importlib.resources import files
 
-    english = files("pourcast.experiment").joinpath("texts", "en.toml").read_text("utf-8")
+    english = files("pourcast.experiment.design").joinpath("texts", "en.toml").read_text("utf-8")
     write_text(tmp_path / "texts.de.toml", english.replace('"Continue"', '"Weiter"'))
     text = 'groups = [["water"]]\nlanguage = "de"'
     assert texts_of(tmp_path, design_of(tmp_path, text))["page"]["continue"] == "Weiter"

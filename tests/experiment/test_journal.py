@@ -3,9 +3,9 @@
 import json
 import os
 
-from pourcast.experiment import journal as journal_module
-from pourcast.experiment.journal import Journal
-from pourcast.experiment.storage import Record
+from pourcast.experiment.storage import journal as journal_module
+from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.storage import Record
 
 
 def records(*numbers, session=1):

@@ -3,10 +3,10 @@
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.experiment.plan import Stock
-from pourcast.experiment.service import prepare_stock
-from pourcast.experiment.storage import Storage
-from pourcast.study import load_practice, study_scenes
+from pourcast.experiment.design.plan import Stock
+from pourcast.experiment.server.service import prepare_stock
+from pourcast.experiment.storage.storage import Storage
+from pourcast.study.folder import load_practice, study_scenes
 from tests.experiment.make import EXP1, small_study
 
 

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from pourcast.errors import StoreError
-from pourcast.experiment.links import key
-from pourcast.experiment.records import MAX_BODY
+from pourcast.experiment.design.links import key
+from pourcast.experiment.storage.records import MAX_BODY
 from pourcast.stimuli.manifest import NAME
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, EXP2, answer, judgment, small_study
@@ -284,9 +284,9 @@ def test_admin_needs_its_token_and_shows_what_people_wrote_as_text(api):
 def test_admin_is_not_there_where_it_is_off(tmp_path):
     from starlette.testclient import TestClient
 
-    from pourcast.experiment.server import create_app
-    from pourcast.experiment.service import Experiment
-    from pourcast.experiment.storage import Storage
+    from pourcast.experiment.server.app import create_app
+    from pourcast.experiment.server.service import Experiment
+    from pourcast.experiment.storage.storage import Storage
 
     study = small_study(tmp_path)
     experiment = Experiment(study, Storage.of_study(study))

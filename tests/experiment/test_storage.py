@@ -5,9 +5,16 @@ import sqlite3
 import pytest
 
 from pourcast.errors import InputError, StoreError
-from pourcast.experiment import database as database_module
-from pourcast.experiment.plan import Step
-from pourcast.experiment.storage import MAX_CONFLICTS, Arrival, Record, Refusal, Saved, Storage
+from pourcast.experiment.design.plan import Step
+from pourcast.experiment.storage import database as database_module
+from pourcast.experiment.storage.storage import (
+    MAX_CONFLICTS,
+    Arrival,
+    Record,
+    Refusal,
+    Saved,
+    Storage,
+)
 from tests.experiment.make import arrival
 
 PLAN = [Step(seq=k, kind="judgment", phase="test", trial=k + 1) for k in range(4)]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
-from pourcast.generate.select import filtered_scenes
-from pourcast.generate.voronoi import VoronoiFamily
+from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.study.selection import filtered_scenes
 from tests import reference
 from tests.make import ramp_scene, random_scenes
 

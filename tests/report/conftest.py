@@ -2,13 +2,13 @@
 
 import pytest
 
-from pourcast.analysis.agreement import Settings
-from pourcast.analysis.comparison import Request, compare_study
-from pourcast.analysis.rehearsal import rehearse
-from pourcast.experiment.observers import Observers
-from pourcast.judgments import write_table
-from pourcast.scene import write_scenes
-from tests.analysis.make import made_up_table, voronoi_scenes
+from pourcast.comparison.agreement import Settings
+from pourcast.comparison.compare import Request, compare_study
+from pourcast.observers.observers import Observers
+from pourcast.observers.responses import rehearse
+from pourcast.scenes.scene_file import write_scenes
+from pourcast.tables import write_table
+from tests.comparison.make import made_up_table, voronoi_scenes
 
 CHEAP = ("water-simple", "gravity", "truth-water:n_particles=15", "ife:n_particles=15,zeta_sigma=0")
 

@@ -4,14 +4,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pourcast.analysis.agreement import agreement_table, differences_table, individuals
-from pourcast.analysis.choice import candidates, choice_table, scores_table
+from pourcast.comparison.agreement import agreement_table, differences_table, individuals
+from pourcast.comparison.choice import candidates, choice_table, scores_table
+from pourcast.pictures.style import save_figure
 from pourcast.report.figures import design, fits, models, people, scenes
-from pourcast.report.figures.style import save_figure
 from pourcast.report.published import EXP1_HONEY, EXP1_WATER, with_people
-from pourcast.scene import Cup
-from tests.analysis.make import made_up, people_like, voronoi_scenes
-from tests.analysis.test_agreement import SETTINGS, compared
+from pourcast.scenes.goals.cup import Cup
+from tests.comparison.make import made_up, people_like, voronoi_scenes
+from tests.comparison.test_agreement import SETTINGS, compared
 
 
 def bars(axes):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pourcast.analysis.comparison import Request, compare_study
+from pourcast.comparison.compare import Request, compare_study
 from pourcast.errors import InputError
 from pourcast.report.page import Options, with_published, write_report
 

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from pourcast import cli
-from pourcast.scene import write_scenes
+from pourcast.scenes.scene_file import write_scenes
 from pourcast.stimuli import cycles
 from pourcast.stimuli.contact_sheet import last_picture
 from pourcast.stimuli.manifest import read_set, set_folder

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from pourcast import cli
-from pourcast.analysis.stimulus import stimulus_truth
+from pourcast.comparison.stimulus import stimulus_truth
 from pourcast.errors import InputError, StoreError
-from pourcast.scene import write_scenes
+from pourcast.scenes.scene_file import write_scenes
 from pourcast.stimuli import cycles, task
 from pourcast.stimuli.contact_sheet import last_picture, write_contact_sheet
 from pourcast.stimuli.make import make_stimuli

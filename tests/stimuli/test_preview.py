@@ -5,11 +5,11 @@ import time
 import numpy as np
 import pytest
 
+from pourcast.pictures.video import write_film
 from pourcast.stimuli.poured import FULL, Moment, Poured
 from pourcast.stimuli.preview import picture_maker
 from pourcast.stimuli.recipe import LatticeRecipe
 from pourcast.stimuli.solvers import lbm, sph
-from pourcast.video import write_film
 
 
 def still(scene, liquid="water", width=200):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pourcast.scene import Cup, LiquidStart, Scene
+from pourcast.scenes.goals.cup import Cup
+from pourcast.scenes.scene import LiquidStart, Scene
 from pourcast.stimuli.lattice_boltzmann.voxels import voxelise
 from tests.make import random_scenes
 

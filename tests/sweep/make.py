@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pourcast.scene import write_scenes
+from pourcast.scenes.scene_file import write_scenes
 from pourcast.sweep.grid import Grid, parse_grid
 from pourcast.sweep.plan import Plan, make_plan
 from pourcast.sweep.run import run_sweep

@@ -198,7 +198,7 @@ def test_nothing_is_done_twice_by_two_sweeps_at_once(tmp_path):
         "from pathlib import Path\n"
         "from pourcast.sweep import shard\n"
         "from pourcast.sweep.grid import read_grid\n"
-        "from pourcast.study import load_scenes\n"
+        "from pourcast.study.folder import load_scenes\n"
         "from pourcast.sweep.plan import make_plan\n"
         "from tests.sweep.make import swept\n"
         "compute = shard.compute\n"

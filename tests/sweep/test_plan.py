@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pourcast.liquid import HONEY_EXP1, HONEY_EXP2
+from pourcast.scenes.liquids.registry import HONEY_EXP1, HONEY_EXP2
 from pourcast.sweep import plan as planning
 from pourcast.sweep.grid import read_grid
 from pourcast.sweep.plan import make_plan

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from pourcast import cli
-from pourcast.judgments import predict
-from pourcast.model import Model
-from pourcast.simulation import simulate
+from pourcast.models.base import Model
+from pourcast.prediction import predict
+from pourcast.simulation.run import simulate
 from pourcast.sweep import shard as shard_module
 from pourcast.sweep.plan import make_plan
 from pourcast.sweep.run import run_part

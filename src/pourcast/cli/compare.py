@@ -27,7 +27,7 @@ from pourcast.cli.terminal import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pourcast.analysis.comparison import Comparison, Request
+    from pourcast.comparison.compare import Comparison, Request
 
 ResponsesOption = Annotated[
     Path | None,
@@ -64,9 +64,9 @@ def _request(
     carry_from: Path | None,
     bayes: bool,
 ) -> "Request":
-    from pourcast.analysis.agreement import Settings
-    from pourcast.analysis.choice import read_choice
-    from pourcast.analysis.comparison import Request
+    from pourcast.comparison.agreement import Settings
+    from pourcast.comparison.choice import read_choice
+    from pourcast.comparison.compare import Request
 
     return Request(
         responses=responses,
@@ -102,9 +102,9 @@ def compare(
 
     Example: pourcast compare my-study --exclude min-sd=0.05
     """
-    from pourcast.analysis.comparison import compare_study
+    from pourcast.comparison.compare import compare_study
     from pourcast.files import check_writable
-    from pourcast.judgments import write_table
+    from pourcast.tables import write_table
 
     if out is not None:
         check_writable(out / "agreement.csv")
@@ -145,7 +145,7 @@ _MOST_ROWS = 12
 
 
 def _print_comparison(found: "Comparison") -> None:
-    from pourcast.analysis.comparison import TABLES
+    from pourcast.comparison.compare import TABLES
 
     if found.simulated:
         typer.echo("SIMULATED observers: this says nothing about people.\n")
@@ -216,10 +216,10 @@ def report(
 
     Example: pourcast report my-study --exclude max-rt=60
     """
-    from pourcast.analysis.comparison import compare_study
+    from pourcast.comparison.compare import compare_study
     from pourcast.files import check_writable
     from pourcast.report.page import Options, write_report
-    from pourcast.study import study_scenes
+    from pourcast.study.folder import study_scenes
 
     folder = out or study / "report"
     request = _request(
@@ -271,8 +271,8 @@ def reproduce(
 
     Example: pourcast reproduce exp1 --quick -o out
     """
-    from pourcast.reproduce import Reproduction
-    from pourcast.reproduce import reproduce as run
+    from pourcast.report.reproduction import Reproduction
+    from pourcast.report.reproduction import reproduce as run
 
     wanted = Reproduction(
         experiment.value, quick, seed, scenes, responses, carry_from, tuple(exclude or ()), percent,

@@ -13,7 +13,7 @@ from pourcast.cli.terminal import print_json, print_table, progress_bar, resumab
 from pourcast.errors import InputError
 
 if TYPE_CHECKING:
-    from pourcast.convnet.network import Card, Recipe
+    from pourcast.networks.network import Card, Recipe
 
 networks = typer.Typer(
     no_args_is_help=True,
@@ -82,8 +82,8 @@ def train(
 
     Example: pourcast convnet train --experiment exp1 --scenes 500 --quick -o net
     """
-    from pourcast.convnet.network import in_words, read_card
-    from pourcast.training.pair import DEFAULT_SCENES, Request, train_networks
+    from pourcast.networks.network import in_words, read_card
+    from pourcast.networks.training.pair import DEFAULT_SCENES, Request, train_networks
 
     recipe = _recipe(backbone, start, size, quick, passes, learning_rate)
     request = Request(
@@ -119,8 +119,8 @@ def _recipe(
     from pydantic import ValidationError
 
     from pourcast.cli.options import pixels
-    from pourcast.scene import one_line
-    from pourcast.training.pair import QUICK, default_recipe
+    from pourcast.errors import one_line
+    from pourcast.networks.training.pair import QUICK, default_recipe
 
     given: dict[str, Any] = dict(QUICK) if quick else {}
     if size is not None:
@@ -154,7 +154,7 @@ def show(
     """
     import pandas as pd
 
-    from pourcast.convnet.network import in_words, read_card
+    from pourcast.networks.network import in_words, read_card
 
     card = read_card(network)
     if as_json:

@@ -71,12 +71,13 @@ def recover(
 
     Example: pourcast recover parameters my-study -m water-ife -p damping_zeta
     """
-    from pourcast.analysis import design
-    from pourcast.analysis.judged import judge_in_study, read_judged
-    from pourcast.analysis.rehearsal import HEADS
-    from pourcast.model import complete_presets, resolve_liquid
+    from pourcast.comparison import planning as design
+    from pourcast.models.registry import complete_presets
+    from pourcast.observers.responses import HEADS
     from pourcast.report.figures.design import recovery
-    from pourcast.study import study_scenes
+    from pourcast.scenes.liquids.registry import resolve_liquid
+    from pourcast.study.folder import study_scenes
+    from pourcast.sweep.judged import judge_in_study, read_judged
 
     scenes = study_scenes(study)
     liquid = "honey" if honey else "water"
@@ -117,8 +118,8 @@ def recover(
 
 
 def _write_design(folder: Path, name: str, table: "pd.DataFrame", figure: Any) -> None:
-    from pourcast.judgments import write_table
-    from pourcast.report.figures.style import save_figure
+    from pourcast.pictures.style import save_figure
+    from pourcast.tables import write_table
 
     table.columns = [str(column) for column in table.columns]
     write_table(folder / f"{name}.csv", table.assign(simulated=True))
@@ -154,10 +155,10 @@ def power(
 
     Example: pourcast power my-study -m water-ife -m water-marble --observers 10 --observers 30
     """
-    from pourcast.analysis.design import power_table
-    from pourcast.analysis.judged import judge_in_study
+    from pourcast.comparison.planning import power_table
     from pourcast.report.figures import design as figures
-    from pourcast.study import study_scenes
+    from pourcast.study.folder import study_scenes
+    from pourcast.sweep.judged import judge_in_study
 
     there = study_scenes(study)
     specs = model or ["water-ife", "water-marble"]

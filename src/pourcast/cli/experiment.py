@@ -14,7 +14,7 @@ from pourcast.cli.terminal import print_json, print_table, progress_bar, records
 from pourcast.errors import InputError
 
 if TYPE_CHECKING:
-    from pourcast.experiment.storage import Storage
+    from pourcast.experiment.storage.storage import Storage
 
 
 class DataFormat(StrEnum):
@@ -37,10 +37,10 @@ DatabaseOption = Annotated[
 def _storage(study: Path, database: str | None, *, must_exist: bool = True) -> "Iterator[Storage]":
     """A study's database, closed at the end."""
     from pourcast.extras import require_extra
-    from pourcast.study import DATABASE, study_scenes
+    from pourcast.study.folder import DATABASE, study_scenes
 
     require_extra("experiment")
-    from pourcast.experiment.storage import Storage
+    from pourcast.experiment.storage.storage import Storage
 
     study_scenes(study)
     if must_exist and database is None and not (study / DATABASE).is_file():
@@ -88,13 +88,13 @@ def serve(
     from pourcast.extras import require_extra
 
     require_extra("experiment")
-    from pourcast.experiment.admin import admin_routes
-    from pourcast.experiment.design import NAME
-    from pourcast.experiment.links import links
-    from pourcast.experiment.serve import Address, lock_study
-    from pourcast.experiment.serve import serve as serve_app
-    from pourcast.experiment.server import create_app
-    from pourcast.experiment.service import Experiment
+    from pourcast.experiment.design.links import links
+    from pourcast.experiment.design.settings import NAME
+    from pourcast.experiment.server.admin import admin_routes
+    from pourcast.experiment.server.app import create_app
+    from pourcast.experiment.server.serve import Address, lock_study
+    from pourcast.experiment.server.serve import serve as serve_app
+    from pourcast.experiment.server.service import Experiment
 
     address = Address(host, port, public_url, behind_proxy)
     with _storage(study, database, must_exist=False) as storage, lock_study(study):
@@ -144,8 +144,8 @@ def status(
     import time
 
     with _storage(study, database) as storage:
-        from pourcast.experiment.design import read_design
-        from pourcast.experiment.overview import overview
+        from pourcast.experiment.data.overview import overview
+        from pourcast.experiment.design.settings import read_design
 
         storage.drop_stale(read_design(study).largest_gap, time.time())
         seen = overview(storage)
@@ -243,8 +243,8 @@ def export(
     if datapipe and static is None:
         raise InputError("export: --datapipe goes with --static")
     with _storage(study, database, must_exist=False) as storage, progress_bar() as report:
-        from pourcast.experiment.export import export_jatos, export_static
-        from pourcast.experiment.service import prepare_stock
+        from pourcast.experiment.page.export import export_jatos, export_static
+        from pourcast.experiment.server.service import prepare_stock
 
         stock = prepare_stock(study, storage, report)
     if jatos is not None:
@@ -258,9 +258,9 @@ def export(
 def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
     import time
 
-    from pourcast.experiment.intake import import_records
-    from pourcast.experiment.journal import Journal
-    from pourcast.experiment.service import prepare_stock
+    from pourcast.experiment.data.intake import import_records
+    from pourcast.experiment.server.service import prepare_stock
+    from pourcast.experiment.storage.journal import Journal
 
     with progress_bar() as report:
         stock = prepare_stock(study, storage, report)
@@ -274,8 +274,8 @@ def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
 
 
 def _withdraw(study: Path, storage: "Storage", who: str) -> None:
-    from pourcast.experiment.journal import Journal
-    from pourcast.experiment.withdrawal import withdraw
+    from pourcast.experiment.data.withdrawal import withdraw
+    from pourcast.experiment.storage.journal import Journal
 
     for line in withdraw(study, storage, Journal.of_study(study), who):
         typer.echo(f"deleted: {line}")
@@ -285,9 +285,9 @@ def _withdraw(study: Path, storage: "Storage", who: str) -> None:
 def _write(
     study: Path, storage: "Storage", out: Path, form: DataFormat, identifiers: bool, preview: bool
 ) -> None:
-    from pourcast.experiment.data import participants_table, trials_table, write_csv
-    from pourcast.experiment.design import read_design
-    from pourcast.experiment.psych_ds import write_psych_ds
+    from pourcast.experiment.data.psych_ds import write_psych_ds
+    from pourcast.experiment.data.tables import participants_table, trials_table, write_csv
+    from pourcast.experiment.design.settings import read_design
 
     trials = trials_table(storage, preview=preview)
     people = participants_table(storage, preview=preview, identifiers=identifiers)

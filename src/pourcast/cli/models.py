@@ -33,7 +33,7 @@ def demo(
 
     Example: pourcast demo -o demo
     """
-    from pourcast.demo import run_demo
+    from pourcast.pictures.demo import run_demo
 
     with progress_bar() as report:
         result = run_demo(out, report)
@@ -63,10 +63,11 @@ def predict(
     Example: pourcast predict scenes.json -m water-ife -m gravity -m truth-water -o judgments.csv
     """
     from pourcast.files import check_writable
-    from pourcast.judgments import check_table_path, summarise, write_table
-    from pourcast.judgments import predict as predict_scenes
-    from pourcast.model import make_model
-    from pourcast.study import load_scenes
+    from pourcast.models.registry import make_model
+    from pourcast.prediction import predict as predict_scenes
+    from pourcast.prediction import summarise
+    from pourcast.study.folder import load_scenes
+    from pourcast.tables import check_table_path, write_table
 
     loaded = load_scenes(scenes)
     if out is not None:
@@ -109,7 +110,7 @@ def bench(
 
     Example: pourcast bench --plan paper
     """
-    from pourcast.bench import COUNTS, plan_table, speed_table
+    from pourcast.sweep.bench import COUNTS, plan_table, speed_table
 
     with progress_bar() as report:
         if plan is None:
@@ -135,17 +136,17 @@ def models(as_json: JsonOption = False) -> None:
     """
     import pandas as pd
 
-    from pourcast.model import family_names, parameter_table, presets, third_party
+    from pourcast.models.registry import MODELS, parameter_table, presets
 
     if as_json:
-        listed = {name: parameter_table(name) for name in (*family_names(), *third_party())}
+        listed = {name: parameter_table(name) for name in MODELS.names()}
         print_json({"presets": presets(), "models": listed})
         return
     rows = {name: [entry["model"], entry["source"]] for name, entry in presets().items()}
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=["model", "what it is"])
     frame.index.name = "preset"
     print_table(frame)
-    for name in (*family_names(), *third_party()):
+    for name in MODELS.names():
         typer.echo(f"\n{name}")
         parameters = pd.DataFrame(parameter_table(name)).set_index("parameter")
         print_table(parameters)

@@ -11,8 +11,8 @@ from pourcast.cli.terminal import progress_bar
 from pourcast.errors import InputError
 
 if TYPE_CHECKING:
-    from pourcast.compare.observer import Population
-    from pourcast.experiment.observers import Observers
+    from pourcast.observers.observers import Observers
+    from pourcast.statistics.observer import Population
 
 BiasOption = Annotated[
     float | None, typer.Option(help="Observers: mean of what is added to all answers [0].")
@@ -40,7 +40,7 @@ app.add_typer(experiment_app, name="experiment")
 
 def population_of(**given: float | None) -> "Population":
     """Observers as the options say, else as usual."""
-    from pourcast.compare.observer import Population
+    from pourcast.statistics.observer import Population
 
     return Population(**{name: value for name, value in given.items() if value is not None})
 
@@ -90,11 +90,11 @@ def simulate(
 
     Example: pourcast experiment simulate my-study --observers 65 --model water-ife
     """
-    from pourcast.analysis.rehearsal import OBSERVERS, rehearse
-    from pourcast.experiment.observers import SPREADS, Observers
     from pourcast.files import check_writable
-    from pourcast.judgments import check_table_path
-    from pourcast.study import study_scenes
+    from pourcast.observers.observers import SPREADS, Observers
+    from pourcast.observers.responses import OBSERVERS, rehearse
+    from pourcast.study.folder import study_scenes
+    from pourcast.tables import check_table_path
 
     scenes = study_scenes(study)
     if out is not None:
@@ -126,17 +126,17 @@ def _in_browser(study: Path, who: "Observers", *, visual: bool) -> None:
     """Let observers take part through the real page."""
     from dataclasses import replace
 
-    from pourcast.analysis.rehearsal import observers_table
     from pourcast.extras import require_extra
+    from pourcast.observers.responses import observers_table
 
     require_extra("experiment")
-    from pourcast.experiment.browser import chromium, drive_observers, served
-    from pourcast.experiment.links import key
-    from pourcast.experiment.rehearsal import Rehearsal
-    from pourcast.experiment.serve import lock_study
-    from pourcast.experiment.server import create_app
-    from pourcast.experiment.service import Experiment
-    from pourcast.experiment.storage import Storage
+    from pourcast.experiment.design.links import key
+    from pourcast.experiment.server.app import create_app
+    from pourcast.experiment.server.serve import lock_study
+    from pourcast.experiment.server.service import Experiment
+    from pourcast.experiment.storage.storage import Storage
+    from pourcast.observers.browser import chromium, drive_observers, served
+    from pourcast.observers.rehearsal import Rehearsal
 
     storage = Storage.of_study(study)
     with progress_bar() as report, lock_study(study):
@@ -144,8 +144,7 @@ def _in_browser(study: Path, who: "Observers", *, visual: bool) -> None:
         try:
             # Who sees what is the design's to say: here everybody has an answer to everything.
             table = observers_table(study, experiment.scenes, replace(who, between=False), report)
-            basins = experiment.scenes[0].goal.kind == "basins"
-            app = create_app(experiment, rehearsal=Rehearsal(table, basins=basins))
+            app = create_app(experiment, rehearsal=Rehearsal(table, experiment.scenes))
             with served(app) as base, chromium(headless=not visual) as browser:
                 drive_observers(
                     browser, base, key(storage.secret, "simulation"), who.count, visual=visual,

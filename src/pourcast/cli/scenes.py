@@ -56,8 +56,8 @@ def scenes(
     Example: pourcast scenes exp1 -n 120 --seed 1 -o scenes.json
     """
     from pourcast.files import check_writable
-    from pourcast.scene import write_scenes
-    from pourcast.study import DEFAULT_SCENES, SceneRequest, generate_scenes
+    from pourcast.scenes.scene_file import write_scenes
+    from pourcast.study.folder import DEFAULT_SCENES, SceneRequest, generate_scenes
 
     wanted = count or DEFAULT_SCENES[experiment.value]
     request = SceneRequest(experiment.value, wanted, seed, candidates)
@@ -108,7 +108,7 @@ def new(
 
     Example: pourcast new exp1 my-study --scenes 40
     """
-    from pourcast.study import DEFAULT_SCENES, SceneRequest, new_study
+    from pourcast.study.folder import DEFAULT_SCENES, SceneRequest, new_study
 
     wanted = count or DEFAULT_SCENES[experiment.value]
     request = SceneRequest(experiment.value, wanted, seed, candidates, practice)
@@ -132,8 +132,8 @@ def show(
 
     Example: pourcast show scenes.json --scene 3 -m water-ife -m honey-ife-1 -o pour.mp4
     """
-    from pourcast.pictures import show as show_scene
-    from pourcast.study import load_scenes, pick_scene
+    from pourcast.pictures.show import show as show_scene
+    from pourcast.study.folder import load_scenes, pick_scene
 
     chosen = pick_scene(load_scenes(scenes), scene, scenes)
     with progress_bar() as report:
@@ -164,8 +164,8 @@ def import_(
 
     Example: pourcast import drawing.svg -o mine.json
     """
-    from pourcast.generate.importers import import_scene
-    from pourcast.scene import write_scenes
+    from pourcast.scenes.importers import import_scene
+    from pourcast.scenes.scene_file import write_scenes
 
     imported = [import_scene(p, kind=kind.value if kind else None, width=width) for p in files]
     names = [scene.id for scene in imported]
@@ -189,8 +189,8 @@ def export(
 
     Example: pourcast export scenes.json --scene 3 -o splish/scene.json
     """
-    from pourcast.generate.importers.splishsplash import write
-    from pourcast.study import load_scenes, pick_scene
+    from pourcast.scenes.importers.splishsplash import write
+    from pourcast.study.folder import load_scenes, pick_scene
 
     written = write(pick_scene(load_scenes(scenes), scene, scenes), out)
     typer.echo(f"{out}: and {len(written) - 1} meshes beside it")

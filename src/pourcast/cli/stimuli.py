@@ -119,11 +119,11 @@ def stimuli(
 
     Example: pourcast stimuli my-study --preview
     """
-    from pourcast.experiment.plan import all_shown
+    from pourcast.experiment.design.plan import all_shown
     from pourcast.stimuli.contact_sheet import write_contact_sheet
     from pourcast.stimuli.make import make_stimuli
     from pourcast.stimuli.manifest import Wanted
-    from pourcast.study import load_practice, pick_scene, study_scenes
+    from pourcast.study.folder import load_practice, pick_scene, study_scenes
 
     recipe = _recipe(
         solver,
@@ -197,7 +197,7 @@ def _recipe(
     """How the stimuli are made; options that don't concern the solver or renderer are left out."""
     from pydantic import ValidationError
 
-    from pourcast.scene import one_line
+    from pourcast.errors import one_line
     from pourcast.stimuli.recipe import Recipe
 
     look = dict(zip(("width", "height"), size, strict=False))

@@ -87,7 +87,7 @@ def sweep(
 
     Example: pourcast sweep my-study --grid quick --workers 2
     """
-    from pourcast.study import study_scenes
+    from pourcast.study.folder import study_scenes
     from pourcast.sweep.grid import read_grid
     from pourcast.sweep.plan import make_plan
     from pourcast.sweep.status import all_statuses, status_of

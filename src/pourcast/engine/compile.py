@@ -1,8 +1,10 @@
 """The one place that owns compiler options and the cache of compiled kernels."""
 
 import hashlib
+import io
 import os
 import tempfile
+import tokenize
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
@@ -15,11 +17,34 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def digest_of_sources(paths: Iterable[Path]) -> str:
-    """Short name of a state of source files."""
+    """Short name of what source files do: comments, docstrings and blank lines don't count."""
     digest = hashlib.sha256()
     for path in sorted(paths):
-        digest.update(path.name.encode() + path.read_bytes())
+        digest.update(path.name.encode() + code_of(path.read_text(encoding="utf-8")).encode())
     return digest.hexdigest()[:12]
+
+
+def code_of(source: str) -> str:
+    r"""Source code without comments, docstrings and blank lines.
+
+    Examples
+    --------
+    >>> code_of('def f(x):\n    "Twice."\n    return 2 * x  # see g\n').split("\n")
+    ['def f ( x ) :', '{', 'return 2 * x', '}']
+    """
+    code: list[str] = []
+    statement: list[tokenize.TokenInfo] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type in (tokenize.INDENT, tokenize.DEDENT):
+            code.append("{" if token.type == tokenize.INDENT else "}")
+        elif token.type == tokenize.NEWLINE:
+            # What consists of strings alone is a docstring.
+            if any(part.type != tokenize.STRING for part in statement):
+                code.append(" ".join(part.string for part in statement))
+            statement = []
+        elif token.type not in (tokenize.COMMENT, tokenize.NL):
+            statement.append(token)
+    return "\n".join(code)
 
 
 @cache

@@ -1,1 +1,1 @@
-"""Experiments: who answers, and in what form the answers are kept."""
+"""The experiment with people: design, page, server, storage of what they answer, data."""

@@ -9,12 +9,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.convnet.network import Network, in_words, read_card, read_network
 from pourcast.errors import InputError
-from pourcast.liquid import Liquid
-from pourcast.model import Model, parameter
-from pourcast.scene import Scene
-from pourcast.simulation import Progress
+from pourcast.models.base import Model, parameter
+from pourcast.networks.network import Network, in_words, read_card, read_network
+from pourcast.progress import Progress
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,7 @@ class ConvNet(Model):
     seconds_per_judgment: ClassVar[float] = 0.05
 
     weights: str = parameter("", doc="trained network, a .safetensors file with its card beside")
-    liquid: str = parameter(
-        "any", choices=("any", "water", "honey"), doc="liquid that it must have been trained with"
-    )
+    liquid: str = parameter("any", doc="liquid that it must have been trained with")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -2,16 +2,11 @@
 
 from dataclasses import dataclass, replace
 
-from pourcast.liquid import Liquid
-from pourcast.model import (
-    IMAGINED_LIQUIDS,
-    SimulationModel,
-    imagined_liquid,
-    parameter,
-    zeta_window,
-)
-from pourcast.scene import Scene
-from pourcast.simulation import MAX_PARTICLES, Pour
+from pourcast.models.base import SimulationModel, parameter, zeta_window
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import imagined_liquid, imagined_names
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import MAX_PARTICLES, Pour
 
 
 @dataclass(frozen=True)
@@ -31,7 +26,9 @@ class IntuitiveFluidsEngine(SimulationModel):
     zeta_sigma: int = parameter(
         4, unit="1/s", low=0, high=20, doc="half-width sigma of the window of dampings"
     )
-    liquid: str = parameter("trial", choices=IMAGINED_LIQUIDS, doc="liquid in the model's head")
+    liquid: str | Liquid = parameter(
+        "trial", choices=imagined_names, doc="liquid in the model's head"
+    )
     viscosity_alpha: float | None = parameter(
         None, low=0, high=10, doc="artificial viscosity; none: the liquid's own"
     )

@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 
-from pourcast.liquid import WATER, Liquid
-from pourcast.model import SimulationModel, parameter, zeta_window
-from pourcast.scene import Scene
-from pourcast.simulation import Pour
+from pourcast.models.base import SimulationModel, parameter, zeta_window
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import WATER
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import Pour
 
 MAX_MARBLES = 300
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from pourcast.liquid import Liquid
-from pourcast.model import IMAGINED_LIQUIDS, SimulationModel, imagined_liquid, parameter
-from pourcast.scene import Scene
-from pourcast.simulation import MAX_PARTICLES, Pour
+from pourcast.models.base import SimulationModel, parameter
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import imagined_liquid, imagined_names
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import MAX_PARTICLES, Pour
 
 _TRIES = 1000
 
@@ -27,7 +28,9 @@ class PositionUncertainty(SimulationModel):
     )
     n_draws: int = parameter(16, low=1, high=1000, doc="displacements a scene")
     damping_zeta: float = parameter(0.0, unit="1/s", low=0, high=100, doc="damping zeta")
-    liquid: str = parameter("trial", choices=IMAGINED_LIQUIDS, doc="liquid in the model's head")
+    liquid: str | Liquid = parameter(
+        "trial", choices=imagined_names, doc="liquid in the model's head"
+    )
 
     def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
         """One pour for each displacement; they depend on the seed and on the scene alone."""

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from pourcast.engine.compile import allocating_kernel, kernel
 from pourcast.engine.solids import pack_solids
-from pourcast.liquid import Liquid
-from pourcast.model import Model, parameter
-from pourcast.scene import Scene
-from pourcast.simulation import Progress
+from pourcast.models.base import Model, parameter
+from pourcast.progress import Progress
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.scene import Scene
 
 M_STEP = 0.02
 """Step of the average over m [m]: the spacing of the paper's 11 values."""

@@ -9,22 +9,22 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.analysis.agreement import Compared, short_liquid
-from pourcast.analysis.comparison import Comparison
-from pourcast.analysis.design import (
+from pourcast.comparison.agreement import Compared, short_liquid
+from pourcast.comparison.compare import Comparison
+from pourcast.comparison.planning import (
     along,
     model_recovery_table,
     parameter_recovery_table,
     power_table,
 )
-from pourcast.analysis.rehearsal import HEADS
-from pourcast.compare.correlation import mean_judgments
-from pourcast.compare.observer import Population
 from pourcast.errors import InputError
-from pourcast.pictures import show
+from pourcast.observers.responses import HEADS
+from pourcast.pictures.show import show
 from pourcast.progress import Report
 from pourcast.report.figures import design, fits, models, people, scenes
-from pourcast.scene import Scene
+from pourcast.scenes.scene import Scene
+from pourcast.statistics.correlation import mean_judgments
+from pourcast.statistics.observer import Population
 
 POWER_OBSERVERS = (5, 10, 20, 40)
 POWER_SCENES = (12, 30, 60, 120)

@@ -6,9 +6,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pourcast
-from pourcast.analysis.agreement import short_liquid
-from pourcast.analysis.comparison import Comparison
-from pourcast.simulation import engine_version
+from pourcast.comparison.agreement import short_liquid
+from pourcast.comparison.compare import Comparison
+from pourcast.simulation.run import engine_version
 
 LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "numba", "matplotlib")
 

@@ -12,18 +12,18 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from pourcast.analysis.agreement import short_liquid
-from pourcast.analysis.comparison import TABLES, Comparison
-from pourcast.compare.correlation import mean_judgments
+from pourcast.comparison.agreement import short_liquid
+from pourcast.comparison.compare import TABLES, Comparison
 from pourcast.files import write_text
-from pourcast.judgments import write_table
+from pourcast.pictures.style import save_figure
 from pourcast.progress import Report
 from pourcast.report import contents
 from pourcast.report.contents import Film, Shown, experiment_of
 from pourcast.report.display import readable
-from pourcast.report.figures.style import save_figure
 from pourcast.report.methods import methods, provenance
 from pourcast.report.published import with_people
+from pourcast.statistics.correlation import mean_judgments
+from pourcast.tables import write_table
 
 ONLY_IN_FILES = ("scores", "judgments", "participants")
 """Tables too long for the page; they lie in `tables/`."""

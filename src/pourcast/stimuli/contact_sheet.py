@@ -7,7 +7,7 @@ import av
 from PIL import Image, ImageDraw, ImageFont
 
 from pourcast.files import replacing
-from pourcast.scene import Scene
+from pourcast.scenes.scene import Scene
 from pourcast.stimuli.manifest import Stimulus, StimulusSet
 
 NAME = "contact-sheet.png"

@@ -19,7 +19,7 @@ import numpy as np
 from pourcast.errors import InputError, StoreError
 from pourcast.extras import require_extra
 from pourcast.progress import Report
-from pourcast.scene import Scene
+from pourcast.scenes.scene import Scene
 from pourcast.stimuli.poured import Poured
 from pourcast.stimuli.recipe import CyclesRecipe
 from pourcast.stimuli.surface import liquid_mesh

@@ -15,9 +15,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pourcast.errors import InputError
+from pourcast.errors import InputError, one_line
 from pourcast.files import write_text
-from pourcast.scene import Scene, one_line
+from pourcast.scenes.scene import Scene
 from pourcast.stimuli.recipe import RENDERERS, SOLVERS, Recipe
 
 FOLDER = "stimuli"

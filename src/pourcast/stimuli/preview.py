@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt, gaussian_filter, shift
 
-from pourcast.scene import Polygon, Scene
+from pourcast.pictures.video import Picture
+from pourcast.scenes.geometry import Polygon
+from pourcast.scenes.scene import Scene
 from pourcast.stimuli.poured import FULL, Moment, Poured
-from pourcast.video import Picture
 
 Array = NDArray[np.float32]
 

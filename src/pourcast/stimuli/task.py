@@ -12,6 +12,7 @@ from PIL import Image
 from pourcast.engine.batch import available_cores
 from pourcast.errors import InputError, StoreError
 from pourcast.files import replacing, write_text
+from pourcast.pictures.video import FRAME_RATE, Picture, write_film
 from pourcast.stimuli import cycles
 from pourcast.stimuli.manifest import Stimulus, Wanted, checksum
 from pourcast.stimuli.poured import Poured, load_poured, save_poured
@@ -19,7 +20,6 @@ from pourcast.stimuli.preview import picture_maker
 from pourcast.stimuli.recipe import CyclesRecipe, LatticeRecipe, Recipe
 from pourcast.stimuli.solvers import lbm, sph
 from pourcast.sweep.task import OnWork, TaskResult, told
-from pourcast.video import FRAME_RATE, Picture, write_film
 
 WORK = "work"
 """Folder of what is not finished."""

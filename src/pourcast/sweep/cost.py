@@ -6,8 +6,8 @@ not measured (`sweep.estimate`); no result depends on them.
 
 import numpy as np
 
-from pourcast.liquid import Liquid
-from pourcast.simulation import EngineSettings, Kind
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.simulation.settings import EngineSettings, Kind
 
 _LIQUID_STEP_MS = {
     15: 0.00023, 25: 0.0004, 50: 0.00115, 100: 0.0041, 200: 0.0143, 300: 0.0326,

@@ -15,9 +15,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from pourcast.errors import InputError
-from pourcast.model import LIQUID_NAMES, Model, build_model, parse_parameter, presets, unknown
-from pourcast.scene import one_line
+from pourcast.errors import InputError, one_line, unknown
+from pourcast.models.base import Model
+from pourcast.models.registry import build_model, parse_parameter, presets
+from pourcast.scenes.liquids.registry import liquid_names
 
 MAX_MODELS = 1_000_000
 """Most combinations of parameters that a grid may ask for."""
@@ -220,8 +221,8 @@ def parse_grid(text: str, name: str, source: str) -> Grid:
 def _check(entry: GridModels) -> None:
     """Build a model with each single value; ranges of parameters don't depend on one another."""
     for liquid in entry.liquids:
-        if liquid not in LIQUID_NAMES:
-            raise InputError(f"liquids: {unknown(liquid, LIQUID_NAMES)}")
+        if liquid not in liquid_names():
+            raise InputError(f"liquids: {unknown(liquid, liquid_names())}")
     axes = entry.axes()
     for key, values in axes.items():
         if not values:

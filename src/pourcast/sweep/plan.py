@@ -14,9 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.model import SimulationModel, resolve_liquid
-from pourcast.scene import Scene
-from pourcast.simulation import EngineSettings, engine_version
+from pourcast.models.base import SimulationModel
+from pourcast.scenes.liquids.registry import resolve_liquid
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.run import engine_version
+from pourcast.simulation.settings import EngineSettings
 from pourcast.sweep.cost import simulated_seconds
 from pourcast.sweep.grid import Asked, Grid
 from pourcast.sweep.settings import JudgeSetting, PourSetting, Setting, digest

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from pourcast.engine.compile import digest_of_sources
-from pourcast.liquid import Liquid
-from pourcast.model import Model, SimulationModel
-from pourcast.scene import Scene
-from pourcast.simulation import Kind, Pour, spacing_in
+from pourcast.models.base import Model, SimulationModel
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import Pour, spacing_in
+from pourcast.simulation.settings import Kind
 from pourcast.sweep.cost import pour_seconds, simulated_seconds
 
 
@@ -46,7 +47,8 @@ class PourSetting:
     @cached_property
     def identity(self) -> str:
         """All that determines the outcome in a scene, as JSON; but for the engine's version."""
-        return json.dumps(asdict(self), sort_keys=True)
+        content = asdict(self) | {"liquid": self.liquid.engine_identity}
+        return json.dumps(content, sort_keys=True)
 
     @cached_property
     def order(self) -> tuple[Any, ...]:
@@ -86,7 +88,7 @@ class JudgeSetting:
         content = {
             "model": self.name,
             "parameters": self.model.parameters(),
-            "liquid": asdict(self.liquid),
+            "liquid": asdict(self.liquid),  # a model of another package may use all of it
             "seed": self.seed,
             "source": model_source(type(self.model)),
         }

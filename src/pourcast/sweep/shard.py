@@ -9,8 +9,10 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from pourcast.errors import StoreError
-from pourcast.scene import Scene
-from pourcast.simulation import EngineSettings, Outcome, Pour, engine_version, simulate
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import Outcome, Pour
+from pourcast.simulation.run import engine_version, simulate
+from pourcast.simulation.settings import EngineSettings
 from pourcast.sweep.plan import Plan, Shard, Span
 from pourcast.sweep.settings import JudgeSetting, Setting
 from pourcast.sweep.store import SCHEMA, Store

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from pourcast.scene import Scene
+from pourcast.scenes.scene import Scene
 from pourcast.sweep.grid import parse_grid
 from pourcast.sweep.plan import Plan, make_plan
 from pourcast.sweep.store import Damage, Failure, Store

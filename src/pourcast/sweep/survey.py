@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pourcast.simulation import engine_version
+from pourcast.simulation.run import engine_version
 from pourcast.sweep.plan import DoneScenes, Plan, Shard
 from pourcast.sweep.store import Damage, Store
 

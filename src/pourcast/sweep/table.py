@@ -10,10 +10,10 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pourcast.judgments import write_table
 from pourcast.sweep.plan import Answer, Plan
 from pourcast.sweep.store import Store
 from pourcast.sweep.survey import places
+from pourcast.tables import write_table
 
 COLUMNS = ("scene", "digest", "liquid", "model", "parameters", "seed", "judgment")
 """As in a table of `judgments.predict`; a column for each parameter follows."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from pourcast.extras import optional_module
 from pourcast.files import replacing
-from pourcast.simulation import Outcome
+from pourcast.simulation.pour import Outcome
 from pourcast.sweep.store import Store, named_by_content, store_errors
 
 CHUNK_BYTES = 8e6

@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.report.figures.style import BLUE, COLUMN, GREEN, ORANGE, PURPLE, RC, RED, new_figure
+from pourcast.pictures.style import BLUE, COLUMN, GREEN, ORANGE, PURPLE, RC, RED, new_figure
 
 
 def recovery(table: pd.DataFrame, title: str) -> Figure:

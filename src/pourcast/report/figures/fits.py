@@ -5,10 +5,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.analysis.agreement import short_liquid
-from pourcast.analysis.judged import OWN_ALPHA
-from pourcast.liquid import WATER
-from pourcast.report.figures.style import (
+from pourcast.comparison.agreement import short_liquid
+from pourcast.pictures.style import (
     BLUE,
     COLUMN,
     GREEN,
@@ -20,6 +18,8 @@ from pourcast.report.figures.style import (
     RED,
     new_figure,
 )
+from pourcast.scenes.liquids.registry import WATER
+from pourcast.sweep.judged import OWN_ALPHA
 
 PAPER_COUNT = 50
 

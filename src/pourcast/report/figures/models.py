@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.analysis.agreement import Compared, short_liquid
-from pourcast.analysis.judged import family_of, name_of
-from pourcast.compare.correlation import mean_judgments, pearson
-from pourcast.report.figures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
+from pourcast.comparison.agreement import Compared, short_liquid
+from pourcast.models.registry import family_of, name_of
+from pourcast.pictures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
 from pourcast.report.published import with_people
+from pourcast.statistics.correlation import mean_judgments, pearson
 
 
 def _panels(figure: Figure, count: int, **options: Any) -> list[Any]:

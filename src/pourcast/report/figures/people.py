@@ -4,8 +4,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from pourcast.analysis.agreement import Individuals, short_liquid
-from pourcast.report.figures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
+from pourcast.comparison.agreement import Individuals, short_liquid
+from pourcast.pictures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
 
 
 def against_null(individuals: Individuals) -> Figure:

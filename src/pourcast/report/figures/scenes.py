@@ -8,20 +8,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pourcast.engine.kernel import NORMALISATION, shape
-from pourcast.liquid import WATER
-from pourcast.pictures import (
-    COLOURS,
-    Imagined,
-    draw_liquid,
-    draw_paths,
-    draw_scene,
-    draw_start,
-    imagine,
-)
-from pourcast.report.figures.style import BLUE, PAGE, RC, new_figure
-from pourcast.scene import Scene
-from pourcast.simulation import EngineSettings
-from pourcast.video import FRAME_RATE
+from pourcast.pictures.drawing import draw_paths, draw_scene, draw_start
+from pourcast.pictures.show import Imagined, draw_liquid, imagine
+from pourcast.pictures.style import BLUE, PAGE, RC, new_figure
+from pourcast.pictures.video import FRAME_RATE
+from pourcast.scenes.liquids.registry import WATER
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.settings import EngineSettings
 
 PARTICLE_COUNTS = (15, 50, 100, 200)
 
@@ -37,7 +30,7 @@ def stimuli(scenes: Sequence[Scene], most: int = 5) -> Figure:
         panels = figure.subplots(1, len(places), squeeze=False)[0]
         for axes, place in zip(panels, places, strict=True):
             draw_scene(axes, scenes[place])
-            draw_start(axes, scenes[place], COLOURS["water"])
+            draw_start(axes, scenes[place], WATER.rgb)
             axes.set_title(scenes[place].id, fontsize=7)
     return figure
 
@@ -92,7 +85,7 @@ def heuristics(scene: Scene) -> Figure:
             draw_scene(axes, scene)
             if one.frames is None:
                 draw_start(axes, scene, one.colour)
-                draw_paths(axes, one, 1.0)
+                draw_paths(axes, one.paths, one.colour, 1.0)
             else:
                 _draw_particles(axes, scene, one)
             axes.set_title(label, fontsize=7)

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from pourcast.scene import Scene
+from pourcast.scenes.scene import Scene
 from pourcast.stimuli.lattice_boltzmann.solver import wall_normals
 
 Array = NDArray[np.float64]

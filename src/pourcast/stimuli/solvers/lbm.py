@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pourcast.pictures.video import FRAME_RATE
 from pourcast.progress import Report
-from pourcast.scene import Scene
+from pourcast.scenes.scene import Scene
 from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow, LatticeSettings
 from pourcast.stimuli.lattice_boltzmann.voxels import Voxels, voxelise
 from pourcast.stimuli.poured import FULL, Moment, Poured
 from pourcast.stimuli.recipe import LatticeRecipe
-from pourcast.video import FRAME_RATE
 
 WATER_VISCOSITY = 1e-3
 """[Pa s] (paper, section "Stimuli": 1 cP)."""

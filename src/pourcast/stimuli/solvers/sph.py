@@ -4,11 +4,14 @@ import math
 
 import numpy as np
 
-from pourcast.model import SimulationModel, make_model, resolve_liquid
-from pourcast.scene import Scene
-from pourcast.simulation import EngineSettings, simulate
+from pourcast.models.base import SimulationModel
+from pourcast.models.registry import make_model
+from pourcast.pictures.video import FRAME_RATE
+from pourcast.scenes.liquids.registry import resolve_liquid
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.run import simulate
+from pourcast.simulation.settings import EngineSettings
 from pourcast.stimuli.poured import Moment, Poured
-from pourcast.video import FRAME_RATE
 
 _TRUTH = {"water": "truth-water", "honey": "truth-honey"}
 

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pourcast.engine.batch import available_cores
-from pourcast.errors import InputError
-from pourcast.model import unknown
+from pourcast.errors import InputError, unknown
 from pourcast.sweep.executors import Executor, dask
 from pourcast.sweep.executors.local import LocalExecutor
 from pourcast.sweep.executors.slurm import SlurmExecutor

@@ -1,4 +1,0 @@
-"""Labelled tables: responses and models' judgments in, what they say of one another out.
-
-The numbers come from `pourcast.compare`; here they get names, rows and columns.
-"""

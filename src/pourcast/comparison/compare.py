@@ -1,0 +1,308 @@
+"""A study's people and models, compared: everything that `compare` prints and `report` shows."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pandas as pd
+
+from pourcast.comparison import agreement, choice, stimulus, window
+from pourcast.comparison.agreement import Compared, Individuals, Settings, short_liquid
+from pourcast.errors import InputError
+from pourcast.experiment.data.responses import study_responses
+from pourcast.extras import require_extra
+from pourcast.models.registry import complete_presets, labels_of, make_model
+from pourcast.progress import Report
+from pourcast.scenes.scene import Scene
+from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
+from pourcast.study.folder import study_scenes
+from pourcast.study.responses import Exclusion, arrange, exclude, remarks
+from pourcast.sweep.judged import Judged, judge_in_study, read_judged, sweep_words
+
+LARGEST_R_HAT = 1.05
+"""Chains of a posterior that differ by more are told of."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be compared.
+
+    Parameters
+    ----------
+    responses
+        Table of responses; by default the only one in the study's folder.
+    models
+        Model specs; the paper's presets by default.
+    percent
+        The responses are 0..100.
+    exclude
+        Rules; see `responses.exclude`.
+    settings
+        How intervals are made.
+    carried
+        A `choice_table` of another experiment, to be carried over unchanged.
+    bayes
+        Fit the likelihood of single answers too; takes minutes, and the extra ``bayes``.
+    """
+
+    responses: Path | None = None
+    models: tuple[str, ...] = ()
+    percent: bool = False
+    exclude: tuple[str, ...] = ()
+    settings: Settings = field(default_factory=Settings)
+    carried: pd.DataFrame | None = None
+    bayes: bool = False
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """People and models, compared.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    scenes
+        Its scenes.
+    source
+        File of the responses, and its SHA-256.
+    simulated
+        Whether any of the responses are simulated.
+    settings
+        How intervals are made.
+    compared
+        People and models, one for each liquid.
+    judged
+        All judgments that were swept.
+    exclusions, remarks
+        What was taken out, and what else a reader should know of the data.
+    individuals
+        Single participants against chance.
+    tables
+        Name -> table; see `TABLES`.
+    """
+
+    study: Path
+    scenes: tuple[Scene, ...]
+    source: tuple[Path, str]
+    simulated: bool
+    settings: Settings
+    compared: tuple[Compared, ...]
+    judged: Judged
+    exclusions: tuple[Exclusion, ...]
+    remarks: tuple[str, ...]
+    individuals: Individuals
+    tables: dict[str, pd.DataFrame]
+
+    def marked_tables(self) -> dict[str, pd.DataFrame]:
+        """The tables; if observers were simulated, with a column that says so."""
+        if not self.simulated:
+            return self.tables
+        return {name: table.assign(simulated=True) for name, table in self.tables.items()}
+
+
+TABLES = {
+    "agreement": "Agreement of each model with people's mean judgments",
+    "intervals": "Correlations, with intervals over participants, scenes, and both",
+    "differences": "Differences in r between models, on the same resamples",
+    "reliability": "Reliability of people's mean judgments, and the noise ceiling",
+    "chance": "Single participants against chance",
+    "participants": "Participants",
+    "choice": "Parameters chosen on these responses, by the paper's procedure",
+    "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
+    "carried": "Parameters chosen in another experiment, carried over unchanged",
+    "loo": "Likelihood of single answers: models by PSIS-LOO, the best first",
+    "posterior": "Likelihood of single answers: parameters of the response model, 95 % intervals",
+    "variance": "Variance of deterministic judgments over the window of dampings",
+    "variance_tests": "Unpaired t-tests between these variances",
+    "scores": "Correlation of every swept candidate",
+    "judgments": "People's means and models' judgments, scene by scene",
+}
+"""Tables of a comparison, and what they say; those that the data can't fill are left out."""
+
+
+def compare_study(study: Path, request: Request, report: Report | None = None) -> Comparison:
+    """Compare a study's models with people.
+
+    Judgments that are not there yet are simulated, through the study's store.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    request
+        What is to be compared.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If the study, the responses or a model is wrong; names file, row and column.
+    StoreError
+        If judgments could not be made.
+    """
+    scenes = study_scenes(study)
+    if request.bayes:
+        require_extra("bayes")
+    table, path = study_responses(study, request.responses, scenes, percent=request.percent)
+    settings = request.settings
+    table, exclusions = exclude(table, request.exclude)
+    trials = arrange(table, scenes, str(path))
+    for one in trials:
+        if len(one.scenes) < agreement.FEWEST_SCENES:
+            raise InputError(
+                f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
+                f"least {agreement.FEWEST_SCENES}"
+            )
+    asked = list(request.models or complete_presets())
+    specs = [spec for spec in asked if spec != stimulus.NAME]
+    carried = [] if request.carried is None else list(request.carried["spec"])
+    wanted = [
+        (short_liquid(one.liquid), spec)
+        for one in trials
+        for spec in dict.fromkeys([*specs, *carried])
+    ]
+    found = judge_in_study(study, scenes, wanted, "compare", report=sweep_words(report, "judging"))
+    for liquid in {short_liquid(one.liquid) for one in trials}:
+        if len(specs) < len(asked):
+            found[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
+        elif (
+            not request.models
+            and (truth := stimulus.stimulus_truth(study, scenes, liquid)) is not None
+        ):
+            found[liquid, stimulus.NAME] = truth
+    place = {scene.id: k for k, scene in enumerate(scenes)}
+    labels = labels_of([*specs, *carried, stimulus.NAME])
+
+    def compared(names: Sequence[str]) -> tuple[Compared, ...]:
+        return tuple(
+            Compared(
+                one,
+                {
+                    labels[spec]: found[short_liquid(one.liquid), spec][
+                        [place[s.id] for s in one.scenes]
+                    ]
+                    for spec in names
+                    if (short_liquid(one.liquid), spec) in found
+                },
+            )
+            for one in trials
+        )
+
+    judged = read_judged(study, scenes)
+    people = compared([*specs, stimulus.NAME])
+    individuals = agreement.individuals(people, settings)
+    tables = _tables(people, judged, settings, individuals, report)
+    if request.bayes:
+        tables |= _bayes(people, settings.seed, report)
+    if request.carried is not None:
+        tables["carried"] = choice.carried_table(compared(carried), request.carried, settings)
+    return Comparison(
+        study=study,
+        scenes=tuple(scenes),
+        source=(path, hashlib.sha256(path.read_bytes()).hexdigest()),
+        simulated=bool(table["simulated"].any()),
+        settings=settings,
+        compared=people,
+        judged=judged,
+        exclusions=tuple(exclusions),
+        remarks=(*_models_remarks(specs, labels), *remarks(trials, scenes), *_doubts(tables)),
+        individuals=individuals,
+        tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
+    )
+
+
+def _tables(
+    people: Sequence[Compared],
+    judged: Judged,
+    settings: Settings,
+    individuals: Individuals,
+    report: Report | None,
+) -> dict[str, pd.DataFrame]:
+    trials = [one.trials for one in people]
+    sets = choice.candidates(judged, trials)
+    variances = window.window_variances(judged, trials[0].liquid, settings)
+    steps: dict[str, Callable[[], pd.DataFrame]] = {
+        "agreement": lambda: _stacked(agreement.agreement_table, people, settings),
+        "intervals": lambda: _stacked(agreement.intervals_table, people, settings),
+        "differences": lambda: _stacked(agreement.differences_table, people, settings),
+        "reliability": lambda: agreement.reliability_table(trials, settings),
+        "chance": individuals.summary,
+        "participants": lambda: individuals.table,
+        "choice": lambda: choice.choice_table(sets, settings),
+        "cross_validation": lambda: choice.cross_validation_table(sets, settings),
+        "variance": lambda: window.variance_table(variances),
+        "variance_tests": lambda: window.variance_tests(variances),
+        "scores": lambda: choice.scores_table(sets),
+        "judgments": lambda: agreement.people_table(people),
+    }
+    tables = {}
+    for done, (name, make) in enumerate(steps.items()):
+        if report is not None:
+            report(f"comparing: {name}", done, len(steps))
+        tables[name] = make()
+    return tables
+
+
+def _bayes(people: Sequence[Compared], seed: int, report: Report | None) -> dict[str, pd.DataFrame]:
+    """Models compared by the likelihood of single answers, for each liquid."""
+    # JAX is loaded only for this.
+    from pourcast.statistics.bayes import Sampling, compare_models  # noqa: PLC0415
+
+    loos, posteriors = [], []
+    for one in people:
+        found = compare_models(one.trials.responses, one.models, Sampling(seed=seed), report)
+        loos.append(_labelled(found.loo, one))
+        posteriors.append(_labelled(found.parameters, one))
+    return {
+        "loo": pd.concat(loos, ignore_index=True),
+        "posterior": pd.concat(posteriors, ignore_index=True),
+    }
+
+
+def _labelled(table: pd.DataFrame, one: Compared) -> pd.DataFrame:
+    table.insert(0, "liquid", one.trials.liquid)
+    return table
+
+
+def _stacked(
+    make: Callable[[Compared, Settings], pd.DataFrame],
+    people: Sequence[Compared],
+    settings: Settings,
+) -> pd.DataFrame:
+    return pd.concat([make(one, settings) for one in people], ignore_index=True)
+
+
+def _models_remarks(specs: Sequence[str], labels: dict[str, str]) -> list[str]:
+    """What is to be known of the models themselves."""
+    said = {labels[spec]: make_model(spec).remark for spec in specs}
+    return [f"{label}: {remark}" for label, remark in said.items() if remark]
+
+
+def _doubts(tables: dict[str, pd.DataFrame]) -> list[str]:
+    """What could not be computed or be relied on, and why."""
+    found = []
+    if tables["choice"].empty:
+        found.append(
+            "no parameters were chosen: no grid was swept (`pourcast sweep STUDY --grid quick`)"
+        )
+    elif tables["cross_validation"].empty:
+        found.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
+    if "posterior" in tables:
+        bad = tables["posterior"].query("r_hat > @LARGEST_R_HAT")
+        found += [
+            f"{liquid}: the chains of {model} disagree (R-hat above {LARGEST_R_HAT}): trust its "
+            "likelihood less"
+            for liquid, model in dict.fromkeys(zip(bad["liquid"], bad["model"], strict=True))
+        ]
+    small = tables["reliability"]
+    if "split_half" in small:
+        small = small[small["split_half"].isna()]
+    found += [
+        f"{row.liquid}: no split-half reliability: {row.participants} participants, "
+        f"at least {FEWEST_PARTICIPANTS} are needed"
+        for row in small.itertuples()
+    ]
+    return found

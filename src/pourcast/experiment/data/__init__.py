@@ -1,0 +1,1 @@
+"""Data: tables of what was answered, Psych-DS, files brought in, sessions taken out."""

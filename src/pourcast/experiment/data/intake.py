@@ -1,0 +1,177 @@
+"""Records from files: those that a participant downloaded, or that JATOS or DataPipe kept."""
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pourcast.errors import InputError, one_line
+from pourcast.experiment.design.links import visitor
+from pourcast.experiment.design.plan import Step
+from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.records import canonical
+from pourcast.experiment.storage.storage import Arrival, Record, Session, Storage
+
+FORMAT = "pourcast-records"
+
+
+class _Opening(BaseModel):
+    """First line of a session in a file."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    format: str
+    session: str = Field(min_length=8, max_length=100)
+    entry: str = Field(default="static", max_length=20)
+    identifiers: dict[str, str] = Field(default_factory=dict, max_length=20)
+    group: int | None = Field(default=None, ge=0)
+    place: int | None = Field(default=None, ge=0)
+
+
+class _Line(BaseModel):
+    """A record in a file."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    session: str
+    seq: int = Field(ge=0)
+    body: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What was read from a file: sessions, and what became of its records."""
+
+    sessions: int
+    new: int
+    repeated: int
+    kept_aside: int
+
+
+def import_records(
+    path: Path,
+    storage: Storage,
+    journal: Journal,
+    plan: Callable[[int, int], Sequence[Step]],
+    now: float,
+) -> Imported:
+    """Take in a file of records: one that a participant downloaded, or that JATOS or DataPipe kept.
+
+    Parameters
+    ----------
+    path
+        JSON Lines: a line that opens each session, and a line each record.
+    storage, journal
+        Where they go.
+    plan
+        From group and place to a session's steps, of sessions that the database does not know.
+    now
+        Seconds since 1970.
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the line and what was expected. Nothing of the
+        file is taken in then.
+    """
+    sources: dict[str, _Source] = {}
+    found: list[tuple[str, int, str, str]] = []
+    for number, content in _json_lines(path):
+        where = f"{path}: line {number}"
+        try:
+            if "format" in content:
+                opening = _Opening.model_validate(content)
+                sources[opening.session] = _source(opening, storage, plan, where)
+            else:
+                found.append(_checked(_Line.model_validate(content), sources, where))
+        except ValidationError as error:
+            raise InputError(f"{where}: {one_line(error)}") from None
+    sessions = {
+        name: source.known or _opened(source, storage, now) for name, source in sources.items()
+    }
+    records = [
+        Record(sessions[name].number, seq, kind, body, now) for name, seq, kind, body in found
+    ]
+    results = storage.save(records) if records else []
+    journal.append(r for r, saved in zip(records, results, strict=True) if saved.result == "new")
+    for session in sessions.values():
+        if len(storage.done(session.number)) == len(session.plan):
+            storage.end(session.number, "complete")
+    counts = Counter(saved.result for saved in results)
+    return Imported(len(sessions), counts["new"], counts["repeated"], counts["conflict"])
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A session in a file: known to the database, or to be opened with a plan."""
+
+    opening: _Opening
+    known: Session | None
+    plan: Sequence[Step]
+
+
+def _checked(line: _Line, sources: Mapping[str, _Source], where: str) -> tuple[str, int, str, str]:
+    """A record's session, step, kind and body."""
+    source = sources.get(line.session)
+    if source is None:
+        raise InputError(f"{where}: session: no line before opens it")
+    if line.seq >= len(source.plan):
+        raise InputError(f"{where}: seq: expected below {len(source.plan)}")
+    kind = source.plan[line.seq].kind
+    return line.session, line.seq, kind, canonical(kind, line.body)
+
+
+def _json_lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file ({error})") from None
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            content = json.loads(line)
+        except ValueError as error:
+            raise InputError(f"{path}: line {number}: not JSON ({error})") from None
+        if not isinstance(content, dict):
+            raise InputError(f"{path}: line {number}: expected an object")
+        yield number, content
+
+
+def _source(
+    opening: _Opening, storage: Storage, plan: Callable[[int, int], Sequence[Step]], where: str
+) -> _Source:
+    """What an opening line speaks of; nothing is written yet."""
+    if opening.format != FORMAT:
+        raise InputError(f"{where}: format: expected {FORMAT}, found {opening.format}")
+    known = storage.session_of(opening.session)
+    if known is not None:
+        return _Source(opening, known, known.plan)
+    if opening.group is None or opening.place is None:
+        raise InputError(f"{where}: session: not one of this study's")
+    try:
+        return _Source(opening, None, plan(opening.group, opening.place))
+    except IndexError:
+        raise InputError(f"{where}: group: this study has no group {opening.group}") from None
+
+
+def _opened(source: _Source, storage: Storage, now: float) -> Session:
+    """A session that was run without our server."""
+    opening = source.opening
+    who = visitor(opening.identifiers, storage.secret)
+    arrival = Arrival(
+        f"import {opening.session}",
+        opening.entry,
+        opening.identifiers,
+        tab="",
+        participant=who.participant if who else "",
+    )
+    assert opening.group is not None
+    assert opening.place is not None
+    return storage.insert(arrival, opening.group, opening.place, source.plan, now)

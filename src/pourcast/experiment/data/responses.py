@@ -1,0 +1,87 @@
+"""People's responses to a study: its database's, or a table's."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from pourcast.errors import InputError
+from pourcast.extras import require_extra
+from pourcast.scenes.scene import Scene
+from pourcast.study.folder import DATABASE
+from pourcast.study.responses import TEST, check_responses, read_responses
+
+RESPONSES = "responses"
+"""Folder of a study's tables of responses."""
+
+
+def study_responses(
+    study: Path, path: Path | None, scenes: Sequence[Scene], *, percent: bool = False
+) -> tuple[pd.DataFrame, Path]:
+    """The responses to a study, checked, and where they come from.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    path
+        A table, or the database of the study's experiment; None for the study's only one.
+    scenes
+        The study's scenes.
+    percent
+        A table's responses are 0..100, not 0..1.
+
+    Raises
+    ------
+    InputError
+        If there is none, or more than one; names file, row and column of what is wrong.
+    """
+    source = path or find_responses(study)
+    if source.suffix != ".sqlite":
+        return read_responses(source, scenes, percent=percent), source
+    return check_responses(_collected(source), source, scenes), source
+
+
+def find_responses(study: Path) -> Path:
+    """The study's only responses: a table, or its experiment's database.
+
+    Raises
+    ------
+    InputError
+        If there are none, or more than one.
+    """
+    there = sorted(
+        path for path in (study / RESPONSES).glob("*") if path.suffix in (".csv", ".parquet")
+    )
+    if (study / DATABASE).is_file() and (not there or len(_collected(study / DATABASE))):
+        there.insert(0, study / DATABASE)
+    if not there:
+        raise InputError(
+            f"{study / RESPONSES}: no table of responses; collect some with `pourcast experiment "
+            "serve`, give a table with --responses FILE, or rehearse with `pourcast experiment "
+            "simulate`"
+        )
+    if len(there) > 1:
+        names = ", ".join(str(path.relative_to(study)) for path in there)
+        raise InputError(
+            f"{study}: more than one source of responses ({names}); name one with --responses"
+        )
+    return there[0]
+
+
+def _collected(database: Path) -> pd.DataFrame:
+    """Test trials in an experiment's database; of simulated observers only if they are alone."""
+    require_extra("experiment")
+    from pourcast.experiment.data.tables import trials_table  # noqa: PLC0415 - needs the extra
+    from pourcast.experiment.storage.storage import Storage  # noqa: PLC0415
+
+    if not database.is_file():
+        raise InputError(f"{database}: not there")
+    storage = Storage(f"sqlite:///{database}")
+    try:
+        trials = trials_table(storage, trajectories=False)
+    finally:
+        storage.close()
+    trials = trials[trials["phase"] == TEST]
+    people = trials[~trials["simulated"].astype(bool)]
+    return people if len(people) else trials

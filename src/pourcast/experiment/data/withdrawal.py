@@ -1,0 +1,68 @@
+"""Taking a participant out of a study, everywhere."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from pourcast.errors import InputError
+from pourcast.experiment.design.links import PERSONAL
+from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.storage import Session, Storage
+from pourcast.tables import write_table
+
+
+def withdraw(study: Path, storage: Storage, journal: Journal, who: str) -> list[str]:
+    """Delete a participant everywhere in a study: database, journal, tables of responses.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    storage, journal
+        Its data.
+    who
+        Code of the participant or of the session, or the platform's id.
+
+    Returns
+    -------
+    list of str
+        What was deleted, a line each.
+
+    Raises
+    ------
+    InputError
+        If there is no such participant.
+    """
+    found = [one for one in storage.sessions() if who in _names(one)]
+    if not found:
+        raise InputError(f"withdraw: there is no participant {who!r}")
+    numbers = {one.number for one in found}
+    codes = {one.participant for one in found}
+    # The database last: it tells who they are, should this be interrupted and begun again.
+    lines = journal.remove(lambda line: line["session"] in numbers)
+    said = [f"{journal.path.name}: {lines} lines"]
+    for path in sorted((study / "responses").glob("*")):
+        removed = _remove_from_table(path, codes)
+        if removed:
+            said.append(f"{path.relative_to(study)}: {removed} rows")
+    deleted = storage.delete(numbers)
+    return said + [f"database: {count} rows of {table}" for table, count in deleted.items()]
+
+
+def _names(session: Session) -> set[str]:
+    """What one person alone is called by; a study's id would take everybody out."""
+    ids = {value for name, value in session.identifiers.items() if name in PERSONAL}
+    return {session.participant, session.code, *ids}
+
+
+def _remove_from_table(path: Path, codes: set[str]) -> int:
+    if path.suffix == ".csv":
+        table = pd.read_csv(path, dtype=str, keep_default_na=False)
+    elif path.suffix == ".parquet":
+        table = pd.read_parquet(path)
+    else:
+        return 0
+    gone = table.get("participant", pd.Series(dtype=str)).astype(str).isin(codes)
+    if gone.any():
+        write_table(path, table[~gone.to_numpy()])
+    return int(gone.sum())

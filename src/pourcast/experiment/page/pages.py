@@ -1,0 +1,84 @@
+"""The participants' page as it is built from `web/`, and what every copy of it is told."""
+
+import html
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pourcast.errors import InputError
+from pourcast.experiment.design.plan import Stock
+from pourcast.files import write_text
+
+WEB = Path(__file__).parent / "web"
+DIST = WEB / "dist"
+
+
+def require_page() -> None:
+    """Refuse to go on without the page.
+
+    Raises
+    ------
+    InputError
+        If it has not been built.
+    """
+    if not (DIST / "index.html").is_file():
+        raise InputError(
+            f"{DIST}: the participants' page has not been built; install Node.js 20 or newer and "
+            f"run: npm --prefix {WEB} ci && npm --prefix {WEB} run build"
+        )
+
+
+def page_html(texts: Mapping[str, Any], language: str) -> str:
+    """The page, in a study's words."""
+    page = texts["page"]
+    text = (DIST / "index.html").read_text(encoding="utf-8")
+    for name, words in (
+        ("LANGUAGE", language),
+        ("TITLE", page["title"]),
+        ("REACHING", page["reaching"]),
+        ("UNREACHABLE", page["unreachable"]),
+        ("BROKEN", page["broken"]),
+    ):
+        text = text.replace(f"@{name}@", html.escape(words))
+    return text
+
+
+def write_page(folder: Path, texts: Mapping[str, Any], language: str, transport: str) -> None:
+    """Write the page and its assets for a host that isn't ours.
+
+    Parameters
+    ----------
+    folder
+        Where to.
+    texts, language
+        The study's words.
+    transport
+        Who keeps the records: `static` or `jatos`.
+    """
+    text = page_html(texts, language).replace('content="server"', f'content="{transport}"')
+    if transport == "jatos":
+        text = text.replace("<link ", '<script src="jatos.js"></script>\n    <link ', 1)
+    write_text(folder / "index.html", text)
+    shutil.copytree(DIST / "assets", folder / "assets")
+
+
+def participant_view(stock: Stock, texts: Mapping[str, Any]) -> dict[str, Any]:
+    """What every browser must know of an experiment."""
+    design, box = stock.design, stock.scenes[0].box
+    return {
+        "texts": texts,
+        "goal": stock.scenes[0].goal.kind,
+        "aspect": box.width / box.height,
+        "slider": design.slider.model_dump(),
+        **design.model_dump(
+            include={
+                "contact",
+                "minutes",
+                "comprehension_attempts",
+                "minimum_width",
+                "minimum_height",
+                "fullscreen",
+            }
+        ),
+    }

@@ -1,0 +1,1 @@
+"""The experiment over HTTP: sessions, answers, and the page of whoever runs it."""

@@ -1,0 +1,321 @@
+"""The experiment over HTTP: pages, pictures, and the requests that keep judgments."""
+
+import asyncio
+import contextlib
+import json
+import re
+from collections.abc import AsyncIterator, Sequence
+from typing import Annotated, Any, Literal, Protocol, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from pourcast.errors import StoreError
+from pourcast.experiment.design.links import visitor
+from pourcast.experiment.design.plan import Step
+from pourcast.experiment.page.pages import DIST, page_html, participant_view, require_page
+from pourcast.experiment.server.service import Experiment
+from pourcast.experiment.storage.records import MAX_BODY
+from pourcast.experiment.storage.storage import COMPLETE, OPEN, Refusal, Session
+
+_REFUSED = {"link": 403, "full": 403, "again": 403, "late": 410, "gone": 401, "busy": 429}
+
+_HEADERS = {
+    "Content-Security-Policy": "; ".join(
+        (
+            "default-src 'none'",
+            "script-src 'self'",
+            "style-src 'self'",
+            "img-src 'self' blob:",
+            "media-src 'self' blob:",
+            "connect-src 'self'",
+            "base-uri 'none'",
+            "form-action 'none'",
+            "frame-ancestors 'none'",
+        )
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=(), payment=()",
+}
+
+Model = TypeVar("Model", bound=BaseModel)
+
+_Tab = Annotated[str, StringConstraints(pattern="^[A-Za-z0-9_-]{8,64}$")]
+_Parameter = Annotated[str, StringConstraints(max_length=200)]
+
+
+class _Asked(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _Begin(_Asked):
+    request: _Tab
+    tab: _Tab
+    link: dict[_Parameter, _Parameter] = Field(max_length=20)
+
+
+class _Resume(_Asked):
+    tab: _Tab | None = None
+
+
+class _Post(_Asked):
+    tab: _Tab
+    body: dict[str, Any]
+
+
+class _Finish(_Asked):
+    state: Literal["complete", "declined", "screened_out", "failed_check"]
+
+
+class SafeHeaders:
+    """Middleware: headers that let the page load nothing that isn't ours, and be framed nowhere."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Add the headers to every answer."""
+
+        async def send_safe(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                there = {name.lower() for name, _ in message["headers"]}
+                extra = dict(_HEADERS)
+                if b"cache-control" not in there:
+                    extra["Cache-Control"] = "no-store"
+                message["headers"] += [
+                    (name.lower().encode(), value.encode()) for name, value in extra.items()
+                ]
+            await send(message)
+
+        await self.app(scope, receive, send_safe if scope["type"] == "http" else send)
+
+
+class SimulatedAnswers(Protocol):
+    """What simulated observers answer (`pourcast.observers.rehearsal`)."""
+
+    def answers(self, observer: int, plan: Sequence[Step]) -> dict[str, Any]:
+        """Responses and response times [s] of an observer (from 0), by the step's number."""
+        ...
+
+
+def create_app(
+    experiment: Experiment,
+    *,
+    rehearsal: SimulatedAnswers | None = None,
+    extra: tuple[Route, ...] = (),
+) -> Starlette:
+    """The web application of an experiment.
+
+    Parameters
+    ----------
+    experiment
+        The experiment.
+    rehearsal
+        Answers of simulated observers; without it nobody can be simulated.
+    extra
+        More routes, such as the admin page's.
+
+    Raises
+    ------
+    InputError
+        If the page has not been built.
+    """
+    require_page()
+    api = _Api(experiment, rehearsal)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        saving = asyncio.create_task(experiment.keep_saving())
+        try:
+            yield
+        finally:
+            saving.cancel()
+
+    app = Starlette(
+        routes=[
+            Route("/", api.page),
+            Route("/api/sessions", api.begin, methods=["POST"]),
+            Route("/api/session/resume", api.resume, methods=["POST"]),
+            Route("/api/session/records/{seq:int}", api.save, methods=["PUT"]),
+            Route("/api/session/finish", api.finish, methods=["POST"]),
+            Route("/media/{name}", api.media),
+            Mount("/assets", _Forever(directory=DIST / "assets")),
+            *extra,
+        ],
+        middleware=[Middleware(SafeHeaders)],
+        exception_handlers={
+            HTTPException: _http_error,
+            Refusal: _refusal,
+            StoreError: _not_saved,
+            ClientDisconnect: _cut_off,
+            Exception: _failed,
+        },
+        lifespan=lifespan,
+    )
+    app.state.stop_texts = experiment.texts["stop"]
+    return app
+
+
+class _Forever(StaticFiles):
+    """Files whose names change with their content."""
+
+    def file_response(self, *args: Any, **kwargs: Any) -> Response:
+        response = super().file_response(*args, **kwargs)
+        response.headers["Cache-Control"] = "public, max-age=31536000, immutable"
+        return response
+
+
+class _Api:
+    def __init__(self, experiment: Experiment, rehearsal: SimulatedAnswers | None) -> None:
+        self.experiment, self.rehearsal = experiment, rehearsal
+        self._page = page_html(experiment.texts, experiment.design.language)
+
+    async def page(self, _: Request) -> Response:
+        """The participants' page."""
+        return HTMLResponse(self._page)
+
+    async def begin(self, request: Request) -> Response:
+        """Begin a session, or go on with that of the same request or platform session."""
+        asked = await _parsed(request, _Begin)
+        who = visitor(asked.link, self.experiment.storage.secret)
+        if who is None or (who.entry == "simulation" and self.rehearsal is None):
+            raise Refusal("link")
+        address = request.client.host if request.client else ""
+        session, token = await self.experiment.begin(who, asked.request, asked.tab, address)
+        answer = await self._told(session)
+        if who.entry == "simulation" and self.rehearsal is not None:
+            observer = asked.link.get("observer", "")
+            answer["simulated"] = self.rehearsal.answers(
+                int(observer) if re.fullmatch("[0-9]{1,4}", observer) else session.place,
+                session.plan,
+            )
+        return JSONResponse(answer | {"token": token}, 201)
+
+    async def resume(self, request: Request) -> Response:
+        """Say what is saved of a session, and give it to the tab that asks for it."""
+        asked = await _parsed(request, _Resume)
+        session = await self.experiment.resume(_token(request), asked.tab)
+        return JSONResponse(await self._told(session))
+
+    async def save(self, request: Request) -> Response:
+        """Save a record. The answer is sent when it is on the disk."""
+        session = await self._session(request)
+        asked = await _parsed(request, _Post)
+        try:
+            saved = await self.experiment.save(
+                session, request.path_params["seq"], asked.body, asked.tab
+            )
+        except IndexError:
+            raise HTTPException(404, "no such step") from None
+        except ValidationError as error:
+            raise HTTPException(422, _first(error)) from None
+        if saved.result == "gone":
+            raise Refusal("gone")
+        return JSONResponse({"saved": saved.result, "superseded": saved.superseded})
+
+    async def finish(self, request: Request) -> Response:
+        """End a session, or name the steps that are missing."""
+        session = await self._session(request)
+        asked = await _parsed(request, _Finish)
+        missing = await self.experiment.finish(session, asked.state)
+        if missing:
+            return JSONResponse({"missing": missing})
+        return JSONResponse({"missing": [], **self._farewell(session, asked.state)})
+
+    async def media(self, request: Request) -> Response:
+        """A still, or a film of a practice trial."""
+        path = self.experiment.stock.files.get(request.path_params["name"])
+        if path is None or not path.is_file():
+            raise HTTPException(404, "no such file")
+        return FileResponse(path, headers={"Cache-Control": "private, max-age=86400, immutable"})
+
+    async def _session(self, request: Request) -> Session:
+        session = await self.experiment.session_of(_token(request))
+        if session is None:
+            raise Refusal("gone")
+        return session
+
+    async def _told(self, session: Session) -> dict[str, Any]:
+        """What the browser must know of a session."""
+        experiment = self.experiment
+        told = participant_view(experiment.stock, experiment.texts) | {
+            "participant": session.participant,
+            "entry": session.entry,
+            "state": session.state,
+            "code": session.code,
+            "steps": [step.for_participant() for step in session.plan],
+            "done": await experiment.done(session),
+        }
+        if session.state != OPEN:
+            told |= self._farewell(session, session.state)
+        return told
+
+    def _farewell(self, session: Session, state: str) -> dict[str, str]:
+        """Completion code and way back, when a session has ended."""
+        recruiting = self.experiment.design.recruiting
+        own = session.code if state == COMPLETE else ""
+        code = recruiting.codes.get(state) or own
+        if session.entry == "lab":
+            return {"code": "", "redirect": ""}
+        redirect = recruiting.redirect if code and session.entry != "preview" else ""
+        return {"code": code, "redirect": redirect.replace("{code}", code)}
+
+
+async def _parsed(request: Request, model: type[Model]) -> Model:
+    """The request's JSON, checked; its size is limited while it comes in."""
+    content = b""
+    async for chunk in request.stream():
+        content += chunk
+        if len(content) > MAX_BODY:
+            raise HTTPException(413, f"at most {MAX_BODY} bytes")
+    try:
+        return model.model_validate(json.loads(content))
+    except (ValueError, RecursionError) as error:
+        message = _first(error) if isinstance(error, ValidationError) else "not JSON"
+        raise HTTPException(422, message) from None
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors()[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+
+
+def _token(request: Request) -> str:
+    kind, _, token = request.headers.get("Authorization", "").partition(" ")
+    if kind != "Bearer" or not re.fullmatch("[A-Za-z0-9_-]{20,100}", token):
+        raise Refusal("gone")
+    return token
+
+
+async def _http_error(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"error": error.detail}, error.status_code, error.headers)
+
+
+async def _refusal(request: Request, error: Exception) -> Response:
+    assert isinstance(error, Refusal)
+    text = request.app.state.stop_texts[error.reason]
+    return JSONResponse({"refused": error.reason, "text": text}, _REFUSED[error.reason])
+
+
+async def _not_saved(_: Request, __: Exception) -> Response:
+    return JSONResponse({"error": "not saved; try again"}, 503, {"Retry-After": "2"})
+
+
+async def _cut_off(_: Request, __: Exception) -> Response:
+    return JSONResponse({"error": "the request was cut off"}, 400)
+
+
+async def _failed(_: Request, __: Exception) -> Response:
+    return JSONResponse({"error": "the server failed"}, 500)

@@ -1,0 +1,1 @@
+"""Where what participants answered is kept: a database, and a journal beside it."""

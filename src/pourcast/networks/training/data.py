@@ -1,0 +1,179 @@
+"""Scenes to learn from, drawn piece by piece, and the ground truth's judgments of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import count, islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pourcast.errors import InputError
+from pourcast.progress import Report
+from pourcast.scenes.families.shapes import ShapesFamily
+from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.scenes.scene import Scene
+from pourcast.scenes.scene_file import read_scenes, write_scenes
+from pourcast.study.selection import (
+    CONTRAST_FILTER,
+    CoarseFilter,
+    SceneFamily,
+    drawn_scene,
+    filtered_scenes,
+)
+from pourcast.sweep.judged import judge_in_study, sweep_words
+
+PIECE = 250
+"""Scenes in a file; what is drawn is kept in pieces, so that little is lost."""
+
+FAMILIES: dict[str, tuple[SceneFamily, CoarseFilter]] = {
+    "exp1": (VoronoiFamily(), CoarseFilter()),
+    "exp2": (ShapesFamily(), CONTRAST_FILTER),
+}
+"""Experiment -> what is drawn, and which draws are kept."""
+
+LABELS = {
+    "water": "truth-water:n_particles=100",
+    "honey": "truth-honey:n_particles=100",
+}
+"""What labels: the deterministic ground truths with N = 100 (Bates et al., "ConvNet")."""
+
+_STREAMS = {"training": 2, "held-out": 3}
+"""Parts of the seed: no scene of one stream is in another, nor in any study's own."""
+
+
+@dataclass(frozen=True)
+class Draws:
+    """An endless list of random scenes.
+
+    Parameters
+    ----------
+    experiment
+        ``exp1`` or ``exp2``.
+    seed
+        Source of randomness.
+    filtered
+        Whether draws are dropped as for stimuli. (For Experiment 2 the paper went on to choose
+        scenes for contrast, and suspects that this hurt its honey network.)
+    stream
+        ``training`` or ``held-out``: the same seed gives other scenes.
+    """
+
+    experiment: str
+    seed: int
+    filtered: bool = True
+    stream: str = "training"
+
+    @property
+    def name(self) -> str:
+        """Name of the folder that keeps them."""
+        rule = "filtered" if self.filtered else "unfiltered"
+        return f"{self.experiment}-{self.stream}-{rule}-seed{self.seed}"
+
+
+def drawn_scenes(
+    folder: Path, draws: Draws, count: int, report: Report | None = None
+) -> list[Scene]:
+    """First scenes of a list; those that were drawn before are read.
+
+    Parameters
+    ----------
+    folder
+        Where they are kept.
+    draws
+        The list.
+    count
+        How many.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    list of Scene
+        With fewer wanted, the first ones of the same.
+
+    Raises
+    ------
+    InputError
+        If a file is damaged or can't be written.
+    """
+    scenes: list[Scene] = []
+    for place, size in enumerate(_piece_sizes(count)):
+        if report is not None:
+            report(f"drawing {draws.stream} scenes", len(scenes), count)
+        path = folder / draws.name / f"{place:04d}.json"
+        piece = read_scenes(path) if path.is_file() else []
+        if len(piece) < size:
+            piece = _piece(draws, place, size)
+            write_scenes(path, piece)
+        scenes += piece[:size]
+    return scenes
+
+
+def _piece_sizes(count: int) -> Iterator[int]:
+    for first in range(0, count, PIECE):
+        yield min(PIECE, count - first)
+
+
+def _piece(draws: Draws, place: int, size: int) -> list[Scene]:
+    family, rule = FAMILIES[draws.experiment]
+    words = [draws.seed, _STREAMS[draws.stream], place]
+    seed = int(np.random.SeedSequence(words).generate_state(1)[0])
+    if draws.filtered:
+        found = filtered_scenes(family, size, seed, rule=rule).scenes
+    else:
+        found = _plain(family, size, seed)
+    return [
+        scene.model_copy(update={"id": f"{draws.stream}-{place * PIECE + k:05d}"})
+        for k, scene in enumerate(found, start=1)
+    ]
+
+
+def _plain(family: SceneFamily, wanted: int, seed: int) -> list[Scene]:
+    """First scenes of a family, whatever the liquid does in them."""
+    draws = (drawn_scene(family, seed, index) for index in count())
+    return list(islice((scene for scene in draws if scene is not None), wanted))
+
+
+def truth_labels(
+    folder: Path,
+    scenes: list[Scene],
+    liquid: str,
+    workers: int | None = None,
+    report: Report | None = None,
+) -> NDArray[np.float64]:
+    """The ground truth's judgments, through a sweep's store: none is simulated twice.
+
+    Parameters
+    ----------
+    folder
+        Where the store is.
+    scenes
+        The scenes.
+    liquid
+        ``water`` or ``honey``.
+    workers
+        Processes; all cores by default.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    ndarray
+        Shape [scene_count].
+
+    Raises
+    ------
+    InputError
+        If there is no such liquid.
+    StoreError
+        If some judgments could not be made.
+    """
+    if liquid not in LABELS:
+        raise InputError(f"liquid: expected {' or '.join(LABELS)}, found {liquid!r}")
+    asked = (liquid, LABELS[liquid])
+    tell = sweep_words(report, f"labelling with {liquid}")
+    found = judge_in_study(
+        folder, scenes, [asked], f"labels-{liquid}", workers=workers, report=tell
+    )
+    return found[asked]

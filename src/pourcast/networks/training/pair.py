@@ -1,0 +1,327 @@
+"""The networks of an experiment: water's first, then honey's, which is fine-tuned from it."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pourcast.errors import InputError
+from pourcast.files import check_writable
+from pourcast.networks.backbones import (
+    imagenet_weights,
+    make_backbone,
+    take_over,
+    torch_module,
+    usual_shape,
+    weights_in,
+)
+from pourcast.networks.network import (
+    SUFFIX,
+    Card,
+    HeldOut,
+    Network,
+    Recipe,
+    judged,
+    read_card,
+    read_network,
+    write_network,
+)
+from pourcast.networks.training.data import LABELS, Draws, drawn_scenes, truth_labels
+from pourcast.networks.training.figure import draw_card
+from pourcast.networks.training.learner import (
+    Examples,
+    Training,
+    correlation,
+    has_half_precision,
+    split,
+    train,
+)
+from pourcast.progress import Report
+from pourcast.simulation.run import engine_version
+from pourcast.study.folder import EXPERIMENTS
+
+HONEY_SHARE = 4
+"""Of the scenes, one in so many is for the honey network, too (paper: 2,500 of 10,000)."""
+
+DEFAULT_SCENES = 10_000
+HELD_OUT = 120
+
+FEWEST_SCENES = 32
+
+QUICK: dict[str, Any] = {"passes": 12, "stage_passes": 1, "tuning_passes": 4}
+"""A first look: fewer passes."""
+
+
+def default_recipe(backbone: str = "convnet-small", **given: Any) -> Recipe:
+    """Recipe of a backbone, with pictures of the size that it is usually shown.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+    """
+    height, width = usual_shape(backbone)
+    return Recipe(**({"backbone": backbone, "height": height, "width": width} | given))
+
+
+@dataclass(frozen=True)
+class Request:
+    """What networks are wanted.
+
+    Parameters
+    ----------
+    experiment
+        ``exp1`` or ``exp2``.
+    scenes
+        Training scenes of the water network (paper: 10,000).
+    honey_scenes
+        Of the honey network, the first of the same; a quarter by default. 0 for none.
+    recipe
+        How they are made.
+    seed
+        Source of all randomness.
+    filtered
+        Whether scenes are dropped as for stimuli.
+    held_out
+        Scenes that the finished networks are tried on.
+    """
+
+    experiment: str
+    scenes: int = DEFAULT_SCENES
+    honey_scenes: int | None = None
+    recipe: Recipe = field(default_factory=default_recipe)
+    seed: int = 0
+    filtered: bool = True
+    held_out: int = HELD_OUT
+
+    def __post_init__(self) -> None:
+        if self.experiment not in EXPERIMENTS:
+            expected = " or ".join(EXPERIMENTS)
+            raise InputError(f"experiment: expected {expected}, found {self.experiment!r}")
+        wanted = {"scenes": self.scenes, "honey-scenes": self.count("honey") or FEWEST_SCENES}
+        for name, count in wanted.items():
+            if count < FEWEST_SCENES:
+                raise InputError(f"{name}: expected at least {FEWEST_SCENES}, found {count}")
+
+    def count(self, liquid: str) -> int:
+        """Training scenes of a liquid's network."""
+        if liquid == "water":
+            return self.scenes
+        if self.honey_scenes is None:
+            return max(FEWEST_SCENES, self.scenes // HONEY_SHARE)
+        return self.honey_scenes
+
+    @property
+    def liquids(self) -> list[str]:
+        """Liquids that get a network."""
+        return [liquid for liquid in LABELS if self.count(liquid)]
+
+
+def train_networks(
+    folder: Path,
+    request: Request,
+    *,
+    data: Path | None = None,
+    device: str = "auto",
+    workers: int | None = None,
+    report: Report | None = None,
+) -> list[Path]:
+    """Draw scenes, label them, train, try out, and write networks; goes on where it stopped.
+
+    Parameters
+    ----------
+    folder
+        Where to: ``water.safetensors``, ``honey.safetensors``, each with its card (.json) and a
+        picture (.png); ``work`` in it keeps half-trained networks.
+    request
+        What is wanted.
+    data
+        Where scenes and labels are kept; ``data`` in the folder by default.
+    device
+        Torch's name of what trains; ``auto``: a GPU if there is one.
+    workers
+        Processes that label; all cores by default.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    list of Path
+        The networks.
+
+    Raises
+    ------
+    InputError
+        If the folder holds other networks, or something is missing.
+    StoreError, TrainingError
+        If scenes can't be labelled, or a network doesn't learn.
+    """
+    torch_module()
+    device = find_device(device)
+    check_writable(folder / "water.json")
+    paths = {liquid: folder / f"{liquid}{SUFFIX}" for liquid in request.liquids}
+    missing = [liquid for liquid, path in paths.items() if not _is_there(path, request, liquid)]
+    labelled = _Labelled(data or folder / "data", request, workers, report)
+    for liquid in missing:
+        _train_one(folder, labelled, liquid, device, report)
+    return list(paths.values())
+
+
+def find_device(name: str) -> str:
+    """Torch's name of a device.
+
+    Raises
+    ------
+    InputError
+        If it is not there.
+    """
+    torch = torch_module()
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        torch.empty(1, device=name)
+    except Exception as error:  # Torch has many ways to say that there is none.
+        reason = str(error).partition("\n")[0]
+        raise InputError(f"device: {name!r} can't be used ({reason}); use auto or cpu") from None
+    return name
+
+
+def _wanted(request: Request, liquid: str) -> dict[str, Any]:
+    """What a card must say for its network to be the one that is wanted."""
+    return {
+        "experiment": request.experiment,
+        "liquid": liquid,
+        "labelled_by": f"{LABELS[liquid]} (engine {engine_version()})",
+        "scenes": request.count(liquid),
+        "seed": request.seed,
+        "filtered": request.filtered,
+        "recipe": request.recipe,
+    }
+
+
+def _is_there(path: Path, request: Request, liquid: str) -> bool:
+    """Whether a network is there already; another one is refused."""
+    if not path.is_file():
+        return False
+    card, wanted = read_card(path), _wanted(request, liquid)
+    found = {name: getattr(card, name) for name in wanted}
+    if found != wanted:
+        found |= found.pop("recipe").model_dump()
+        wanted |= wanted.pop("recipe").model_dump()
+        name = next(name for name in wanted if found[name] != wanted[name])
+        raise InputError(
+            f"{path}: there is a network already, made with other settings ({name}: "
+            f"{found[name]}, not {wanted[name]}); choose another folder, or remove it"
+        )
+    return True
+
+
+def _train_one(
+    folder: Path, labelled: "_Labelled", liquid: str, device: str, report: Report | None
+) -> None:
+    path, request = folder / f"{liquid}{SUFFIX}", labelled.request
+    model, first_weights, knows = _first(folder, request, liquid)
+    examples, held_out = labelled.examples(liquid), labelled.held_out(liquid)
+    learned_from, validation = split(examples, request.seed)
+    wanted = _wanted(request, liquid)
+    made_with = {
+        "pourcast": version("pourcast"),
+        "torch": str(torch_module().__version__),
+        "device": device,
+        "precision": "bfloat16" if has_half_precision(device) else "float32",
+    }
+    words = [wanted | {"recipe": request.recipe.model_dump()}, first_weights, made_with]
+    training = Training(
+        name=f"learning {liquid}", recipe=request.recipe, knows=knows, seed=request.seed,
+        device=device, key=hashlib.sha256(json.dumps(words).encode()).hexdigest(),
+        checkpoint=folder / "work" / f"{liquid}.pt",
+    )  # fmt: skip
+    epochs = train(model, learned_from, validation, training, report)
+    card = Card(
+        **wanted, goal=examples.scenes[0].goal.kind, validation=len(validation.scenes),
+        first_weights=first_weights, epochs=tuple(epochs), held_out=None, made_with=made_with,
+    )  # fmt: skip
+    # As it will be when it is loaded, to the bit.
+    model = model.to("cpu", memory_format=torch_module().contiguous_format)
+    network = Network(model.eval(), card)
+    tried = card.model_copy(update={"held_out": _tried(network, held_out, report)})
+    write_network(path, Network(network.model, tried))
+    draw_card(path.with_suffix(".png"), tried)
+    training.checkpoint.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class _Labelled:
+    """Scenes with labels, as a request wants them."""
+
+    folder: Path
+    request: Request
+    workers: int | None
+    report: Report | None
+
+    def examples(self, liquid: str) -> Examples:
+        """What a network learns from."""
+        asked = self.request
+        draws = Draws(asked.experiment, asked.seed, asked.filtered)
+        return self._labelled(draws, asked.count(liquid), liquid)
+
+    def held_out(self, liquid: str) -> Examples:
+        """What it is tried on: always filtered, as stimuli are."""
+        draws = Draws(self.request.experiment, self.request.seed, stream="held-out")
+        return self._labelled(draws, self.request.held_out, liquid)
+
+    def _labelled(self, draws: Draws, count: int, liquid: str) -> Examples:
+        scenes = drawn_scenes(self.folder, draws, count, self.report)
+        labels = truth_labels(self.folder, scenes, liquid, self.workers, self.report)
+        return Examples(scenes, labels)
+
+
+def _first(folder: Path, request: Request, liquid: str) -> tuple[Any, str, bool]:
+    """A network before it learns, what its weights are, and whether they know anything."""
+    torch, recipe = torch_module(), request.recipe
+    torch.manual_seed(request.seed)
+    model = make_backbone(recipe.backbone, recipe.height, recipe.width)
+    if liquid == "honey":
+        water = read_network(folder / f"water{SUFFIX}")
+        model.load_state_dict(water.model.state_dict())
+        return model, f"the water network ({water.card.weights[:16]})", True
+    weight, bias = list(model.parameters())[-2:]
+    torch.nn.init.zeros_(weight)
+    torch.nn.init.constant_(bias, 0.5)
+    if recipe.start == "random":
+        return model, "random", False
+    weights, source = (
+        imagenet_weights(recipe.backbone)
+        if recipe.start == "imagenet"
+        else weights_in(Path(recipe.start))
+    )
+    take_over(model, weights, recipe.start)
+    return model, source, True
+
+
+def _tried(network: Network, held_out: Examples, report: Report | None) -> HeldOut:
+    """What a finished network makes of scenes that it has never seen."""
+
+    def tell(done: int, total: int) -> None:
+        if report is not None:
+            report("judging held-out scenes", done, total)
+
+    pairs = network.pairs(held_out.scenes, tell)
+    said = judged(pairs)
+    return HeldOut(
+        scenes=len(held_out.scenes),
+        r=correlation(said, held_out.labels),
+        rmse=float(np.sqrt(np.mean((said - held_out.labels) ** 2))),
+        mirror=float(np.abs(pairs[:, 0] - pairs[:, 1]).mean()),
+        truth=_rounded(held_out.labels),
+        judgments=_rounded(said),
+    )
+
+
+def _rounded(values: Sequence[float] | Any) -> tuple[float, ...]:
+    return tuple(round(float(value), 6) for value in values)

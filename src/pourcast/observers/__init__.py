@@ -1,0 +1,1 @@
+"""Simulated observers: who answers in people's place before there are any."""

@@ -1,0 +1,178 @@
+"""The paper's experiments from nothing to a report beside the published values."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pourcast.comparison.agreement import Settings
+from pourcast.comparison.choice import candidates, count_without_alphas, read_choice
+from pourcast.comparison.compare import Comparison, Request, compare_study
+from pourcast.errors import StoreError
+from pourcast.experiment.data.responses import study_responses
+from pourcast.models.registry import complete_presets
+from pourcast.networks.training.pair import DEFAULT_SCENES as CONVNET_SCENES
+from pourcast.networks.training.pair import QUICK, default_recipe, train_networks
+from pourcast.networks.training.pair import Request as NetworkRequest
+from pourcast.observers.observers import Observers
+from pourcast.observers.responses import HEADS, OBSERVERS, rehearse
+from pourcast.progress import Report
+from pourcast.report.page import Options, write_report
+from pourcast.scenes.scene import Scene
+from pourcast.study.folder import DEFAULT_SCENES, SceneRequest, open_study
+from pourcast.study.responses import Trials, arrange, exclude
+from pourcast.sweep.grid import Grid, parse_grid, read_grid
+from pourcast.sweep.judged import read_judged, sweep_in_study, sweep_words
+from pourcast.sweep.table import write_judgments
+
+QUICK_SCENES = 24
+QUICK_CANDIDATES = 200
+QUICK_CONVNET_SCENES = 500
+CANDIDATES = 1000
+
+GRIDS = {"exp1": "paper-exp1", "exp2": "paper-exp2"}
+QUICK_GRID = "quick"
+
+
+ALPHA_GRID = """\
+# Thicker water at the number of particles that the responses chose: the next stage of the fit.
+title = "viscosity at N = {count}"
+
+[[models]]
+model = "ife"
+liquids = ["water", "honey"]
+parameters.liquid = "water"
+parameters.n_particles = {count}
+parameters.viscosity_alpha = [0.2, 2]
+parameters.damping_zeta = {{ from = 0, to = 16, step = 1 }}
+parameters.zeta_sigma = 4
+"""
+"""The paper's other values of alpha, which its grid has at N = 50 only."""
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What is to be reproduced.
+
+    Parameters
+    ----------
+    experiment
+        ``exp1`` or ``exp2``.
+    quick
+        24 scenes and a small grid, a first look.
+    seed
+        Source of all randomness.
+    scenes
+        Number of scenes, if not the paper's (or 24).
+    responses
+        People's responses; simulated observers answer without.
+    carry_from
+        An Experiment 1 that was reproduced before: its parameters are carried over.
+    exclude, percent
+        As for `analysis.comparison.Request`.
+    with_convnet
+        Whether to train networks, and compare them, too.
+    convnet_scenes
+        Their training scenes, if not the paper's (or 500).
+    """
+
+    experiment: str
+    quick: bool = False
+    seed: int = 1
+    scenes: int | None = None
+    responses: Path | None = None
+    carry_from: Path | None = None
+    exclude: tuple[str, ...] = ()
+    percent: bool = False
+    with_convnet: bool = False
+    convnet_scenes: int | None = None
+
+    @property
+    def networks(self) -> NetworkRequest:
+        """The networks, for `with_convnet`."""
+        recipe = default_recipe(**(QUICK if self.quick else {}))
+        count = self.convnet_scenes or (QUICK_CONVNET_SCENES if self.quick else CONVNET_SCENES)
+        return NetworkRequest(self.experiment, count, recipe=recipe, seed=self.seed)
+
+    @property
+    def request(self) -> SceneRequest:
+        """The scenes."""
+        count = QUICK_SCENES if self.quick else DEFAULT_SCENES[self.experiment]
+        candidates = QUICK_CANDIDATES if self.quick else CANDIDATES
+        return SceneRequest(self.experiment, self.scenes or count, self.seed, candidates)
+
+
+def reproduce(
+    folder: Path, wanted: Reproduction, workers: int | None = None, report: Report | None = None
+) -> tuple[Comparison, Path]:
+    """Scenes, simulations, observers, comparison, report; goes on where it was stopped.
+
+    Parameters
+    ----------
+    folder
+        The study folder to make.
+    wanted
+        What is to be reproduced.
+    workers
+        Processes; all cores by default.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    Comparison, Path
+        What came out, and the report's page.
+    """
+    carried = None if wanted.carry_from is None else read_choice(wanted.carry_from)
+    scenes = open_study(folder, wanted.request, report)
+    if wanted.responses is not None:
+        _trials(folder, wanted, wanted.responses, scenes)  # Bad input is told before long work.
+    networks = _networks(folder, wanted, workers, report)
+    grid = read_grid(QUICK_GRID if wanted.quick else GRIDS[wanted.experiment])
+    _sweep(folder, scenes, grid, workers, report)
+    responses = wanted.responses
+    if responses is None:
+        observers = Observers(
+            OBSERVERS[wanted.experiment], HEADS, between=wanted.experiment == "exp1",
+            seed=wanted.seed,
+        )  # fmt: skip
+        responses = rehearse(folder, scenes, observers, report=report)
+    request = Request(
+        responses=responses, models=(*complete_presets(), *networks), percent=wanted.percent,
+        exclude=wanted.exclude, settings=Settings(seed=wanted.seed), carried=carried,
+    )  # fmt: skip
+    trials = _trials(folder, wanted, responses, scenes)
+    count = count_without_alphas(candidates(read_judged(folder, scenes), trials))
+    if count is not None:
+        text = ALPHA_GRID.format(count=count)
+        _sweep(folder, scenes, parse_grid(text, f"alpha-{count}", "alpha"), workers, report)
+    comparison = compare_study(folder, request, report)
+    page = write_report(comparison, folder / "report", Options(), report)
+    return comparison, page
+
+
+def _networks(
+    folder: Path, wanted: Reproduction, workers: int | None, report: Report | None
+) -> list[str]:
+    """Specs of the networks, which are trained if they are not there yet."""
+    if not wanted.with_convnet:
+        return []
+    made = train_networks(folder / "convnet", wanted.networks, workers=workers, report=report)
+    return [f"{path.stem}-convnet:weights={path}" for path in made]
+
+
+def _trials(
+    folder: Path, wanted: Reproduction, responses: Path, scenes: Sequence[Scene]
+) -> list[Trials]:
+    table, source = study_responses(folder, responses, scenes, percent=wanted.percent)
+    return arrange(exclude(table, wanted.exclude)[0], scenes, str(source))
+
+
+def _sweep(
+    folder: Path, scenes: Sequence[Scene], grid: Grid, workers: int | None, report: Report | None
+) -> None:
+    """Run a grid in the study, and write its judgments."""
+    tell = sweep_words(report, "simulating")
+    result = sweep_in_study(folder, scenes, grid, workers=workers, report=tell)
+    write_judgments(folder / "judgments", grid.name, result.table)
+    if result.failures:
+        raise StoreError(f"{folder}: {result.failures[0].message}")

@@ -1,0 +1,59 @@
+"""What a goal is: what is asked of a scene, and all that depends on it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+from pourcast.frozen import Frozen
+from pourcast.scenes.geometry import Polygon
+
+
+class Goal(Frozen, ABC):
+    """What is asked of a scene: which share of the liquid ends where.
+
+    A goal is one file: a subclass whose field `kind` is a `Literal` of its name. Fields
+    are in metres. Nothing else in the house asks which kind of goal a scene has.
+
+    Examples
+    --------
+    >>> from pourcast import Basins
+    >>> Basins().holds(0.7, 0.02), Basins().mirrored_judgment(0.25)
+    (True, 0.75)
+    """
+
+    kind: str
+
+    share: ClassVar[str]
+    """What a judgment is, in a table's heading: "share of the liquid in the cup"."""
+    words: ClassVar[Mapping[str, Mapping[str, Any]]]
+    """Language -> what participants read of it: `instructions` (pages), `quiz` (questions),
+    `question`, `slider` (its name), `low` and `high` (its ends), `value` (what an answer says);
+    see `basins.py`. Words in {braces} are filled in."""
+
+    @property
+    @abstractmethod
+    def solids(self) -> tuple[Polygon, ...]:
+        """The goal's own parts, as convex polygons [m]; the box is none of them."""
+
+    @property
+    @abstractmethod
+    def rim(self) -> float:
+        """Height [m] that liquid must climb to change a judgment, once it is below."""
+
+    @abstractmethod
+    def holds(self, x: float, y: float) -> bool:
+        """Whether liquid at a point [m] counts towards the judgment."""
+
+    @abstractmethod
+    def mirrored(self, width: float) -> Self:
+        """The same goal seen in a mirror, in a box of a width [m]."""
+
+    @abstractmethod
+    def mirrored_judgment(self, judgment: Any) -> Any:
+        """Judgment of a scene from that of its mirror image, or the other way round.
+
+        Parameters
+        ----------
+        judgment
+            A share 0..1, or an array of them.
+        """

@@ -1,0 +1,133 @@
+"""What a liquid is: one definition for the engine, the stimuli, the page and the report."""
+
+import math
+import re
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pydantic import ConfigDict
+
+from pourcast.errors import InputError
+
+_NAME = re.compile(r"[a-z][a-z0-9-]{0,39}")
+_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+RESERVED = "trial"
+"""Stands for the liquid that a trial shows, in models' parameters."""
+
+
+@dataclass(frozen=True)
+class Liquid:
+    """A liquid.
+
+    Parameters
+    ----------
+    name
+        Name in tables and on the command line: small letters, digits, hyphens.
+    viscosity_alpha
+        Particle engine: artificial viscosity alpha of Monaghan (1992), dimensionless, >= 0.
+    adhesion_normal, adhesion_tangential
+        Particle engine: rates [1/s] at which the speed across and along a surface decays while
+        a particle touches it, >= 0 (the paper's "stickiness").
+    kinematic_viscosity
+        Stimuli's solver [m^2/s], > 0; water has 1e-6.
+    slip
+        Stimuli's solver: 1 lets the liquid slip along walls (the paper's), 0 holds it.
+    wall_pull
+        Stimuli's solver: acceleration at a wall towards it [m/s^2], >= 0 (the paper's: none).
+    colour
+        ``#rrggbb``, in every picture.
+    glass_colour
+        ``#rrggbb`` of light that has gone through it, where it is rendered as glass; by default
+        its colour, lightened.
+    film_seconds
+        How long its films run [s], > 0.
+    called
+        What participants, trials and reports call it, by default its name. Several liquids can
+        be called alike; `goals` then tells which of them is meant.
+    goals
+        Kinds of goals in whose scenes `called` means this liquid; none: in all others.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> Liquid("oil", viscosity_alpha=0.4, kinematic_viscosity=5e-5).called
+    'oil'
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    name: str
+    viscosity_alpha: float
+    adhesion_normal: float = 0.0
+    adhesion_tangential: float = 0.0
+    kinematic_viscosity: float = 1e-6
+    slip: float = 1.0
+    wall_pull: float = 0.0
+    colour: str = "#2978cc"
+    glass_colour: str = ""
+    film_seconds: float = 4.0
+    called: str = ""
+    goals: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.called:
+            object.__setattr__(self, "called", self.name)
+        for field in ("name", "called"):
+            value = getattr(self, field)
+            if not _NAME.fullmatch(value) or value == RESERVED:
+                raise InputError(
+                    f"liquid: {field}: expected small letters, digits and hyphens, such as "
+                    f"'olive-oil' (not {RESERVED!r}), found {value!r}"
+                )
+        for field in ("viscosity_alpha", "adhesion_normal", "adhesion_tangential", "wall_pull"):
+            self._check(field, getattr(self, field) >= 0.0, "at least 0")
+        for field in ("kinematic_viscosity", "film_seconds"):
+            self._check(field, getattr(self, field) > 0.0, "more than 0")
+        self._check("slip", 0.0 <= self.slip <= 1.0, "from 0 to 1")
+        for field in ("colour", "glass_colour"):
+            value = getattr(self, field)
+            if not _COLOUR.fullmatch(value) and (field, value) != ("glass_colour", ""):
+                raise InputError(
+                    f"liquid {self.name!r}: {field}: expected #rrggbb, found {value!r}"
+                )
+
+    def _check(self, field: str, right: bool, expected: str) -> None:
+        value = getattr(self, field)
+        if not right or not math.isfinite(value):
+            raise InputError(f"liquid {self.name!r}: {field}: expected {expected}, found {value}")
+
+    @property
+    def rgb(self) -> tuple[float, float, float]:
+        """Red, green and blue of its colour, 0..1 each."""
+        return _rgb(self.colour)
+
+    @property
+    def glass_rgb(self) -> tuple[float, float, float]:
+        """Red, green and blue of light that has gone through it, 0..1 each."""
+        if self.glass_colour:
+            return _rgb(self.glass_colour)
+        red, green, blue = (1.0 - 0.6 * (1.0 - share) for share in self.rgb)
+        return red, green, blue
+
+    @property
+    def sticky(self) -> bool:
+        """Whether it clings to what it touches, in the particle engine."""
+        return self.adhesion_tangential > 0.0
+
+    @property
+    def engine_identity(self) -> dict[str, float]:
+        """All of it that a simulation by the particle engine depends on."""
+        return {
+            "viscosity_alpha": self.viscosity_alpha,
+            "adhesion_normal": self.adhesion_normal,
+            "adhesion_tangential": self.adhesion_tangential,
+        }
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue

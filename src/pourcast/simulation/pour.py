@@ -1,0 +1,79 @@
+"""From scenes to the end of a pour: scenes and liquids in, judgments and positions out.
+
+This is the only place where scenes become the engine's arrays.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pourcast.engine.packing import (
+    spacing_of,
+)
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.settings import Kind
+
+GRAVITY = 9.81
+"""Acceleration of free fall [m/s^2]."""
+
+MAX_PARTICLES = 2000
+
+
+def spacing_in(scene: Scene, n_particles: int) -> float:
+    """Particle spacing [m] of a scene's liquid."""
+    return spacing_of(n_particles, scene.liquid.diameter / 2, scene.box.depth)
+
+
+@dataclass(frozen=True)
+class Pour:
+    """One simulation to be run.
+
+    Parameters
+    ----------
+    scene
+        Where.
+    liquid
+        What flows. Marbles take only its adhesion.
+    n_particles
+        Number of particles, 1 to 2000.
+    damping_zeta
+        Damping zeta [1/s].
+    offset
+        Displacement of the liquid's start in x and y [m].
+    kind
+        SPH liquid or rigid marbles.
+    """
+
+    scene: Scene
+    liquid: Liquid
+    n_particles: int = 50
+    damping_zeta: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
+    kind: Kind = "liquid"
+
+    @property
+    def spacing(self) -> float:
+        """Particle spacing [m]."""
+        return spacing_in(self.scene, self.n_particles)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a pour ended."""
+
+    judgment: float
+    """Share of the particles that the goal holds, 0..1."""
+    stranded: float
+    """Share above the goal's rim or still touching an obstacle."""
+    touched: float
+    """Share that ever met an obstacle."""
+    time: float
+    """Simulated time [s]."""
+    settled: bool
+    """Whether it ended by itself, before the cap."""
+    position: NDArray[np.float32]
+    """Positions at the end [m], shape [n_particles, 3]."""
+    frames: NDArray[np.float32] | None
+    """Positions at `EngineSettings.frame_rate` [m], shape [frame_count, n_particles, 3]."""

@@ -1,0 +1,166 @@
+"""From scenes to the engine's arrays and back: pours in, outcomes out."""
+
+import threading
+from collections import defaultdict
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from pourcast.engine.batch import Job, Result, Stepping, run_batch
+from pourcast.engine.compile import digest_of_sources
+from pourcast.engine.contact import TOUCH_SKIN
+from pourcast.engine.packing import (
+    pack_cylinder,
+    reference_density,
+)
+from pourcast.engine.solids import Solids, obstacle_distances, pack_solids
+from pourcast.errors import InputError
+from pourcast.progress import Progress
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import GRAVITY, MAX_PARTICLES, Outcome, Pour
+from pourcast.simulation.settings import EngineSettings, Kind
+
+
+@cache
+def engine_version() -> str:
+    """Name of the state of all code that a pour's outcome depends on.
+
+    Results of two versions must not be mixed; that of a release never changes.
+    """
+    package = Path(__file__).parents[1]
+    parts = ("engine/*.py", "simulation/*.py", "scenes/*.py", "scenes/goals/*.py")
+    return digest_of_sources(path for part in parts for path in package.glob(part))
+
+
+def simulate(
+    pours: Sequence[Pour],
+    *,
+    settings: EngineSettings | None = None,
+    record: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> list[Outcome]:
+    """Run simulations, in lockstep batches, on all cores.
+
+    Parameters
+    ----------
+    pours
+        What to run. Scenes may repeat.
+    settings
+        How to compute.
+    record
+        Keep the positions of every frame.
+    threads
+        Worker threads; all cores by default. The result has the same bits for
+        any number, and for any company in which a pour is run.
+    progress
+        Called after each simulation.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of `pours`.
+
+    Raises
+    ------
+    InputError
+        If a number of particles is out of range.
+    """
+    settings = settings or EngineSettings()
+    groups: dict[tuple[Kind, int, Stepping], list[int]] = defaultdict(list)
+    for index, pour in enumerate(pours):
+        if not 1 <= pour.n_particles <= MAX_PARTICLES:
+            raise InputError(
+                f"n_particles must be from 1 to {MAX_PARTICLES}, not {pour.n_particles}"
+            )
+        stepping = settings.stepping(pour.kind, pour.spacing, pour.liquid.viscosity_alpha)
+        groups[pour.kind, pour.n_particles, stepping].append(index)
+    done, lock = 0, threading.Lock()
+
+    def count_one(_index: int, _result: Result) -> None:
+        nonlocal done
+        with lock:
+            done += 1
+            if progress is not None:
+                progress(done, len(pours))
+
+    outcomes: dict[int, Outcome] = {}
+    for (kind, _, stepping), members in groups.items():
+        chosen = [pours[index] for index in members]
+        solids, scene_index = _solids_of(chosen)
+        jobs = [_job(p, s, settings) for p, s in zip(chosen, scene_index, strict=True)]
+        results = run_batch(
+            jobs,
+            solids,
+            stepping,
+            kind=kind,
+            record=record,
+            threads=threads,
+            on_done=count_one,
+        )
+        for index, job, result in zip(members, jobs, results, strict=True):
+            outcomes[index] = _outcome(pours[index], job, result, solids)
+    return [outcomes[index] for index in range(len(pours))]
+
+
+def _solids_of(pours: Sequence[Pour]) -> tuple[Solids, list[int]]:
+    """Polygons of all different scenes, and each pour's scene among them."""
+    place: dict[int, int] = {}
+    scenes: list[Scene] = []
+    indices = []
+    for pour in pours:
+        key = id(pour.scene)
+        if key not in place:
+            place[key] = len(scenes)
+            scenes.append(pour.scene)
+        indices.append(place[key])
+    polygons = [
+        [(np.array(p), False) for p in scene.obstacles]
+        + [(np.array(p), True) for p in scene.goal.solids]
+        for scene in scenes
+    ]
+    return pack_solids(polygons), indices
+
+
+def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
+    box, start = pour.scene.box, pour.scene.liquid
+    radius, support = start.diameter / 2, settings.support_in_spacings * pour.spacing
+    centre = (start.centre[0] + pour.offset[0], start.centre[1] + pour.offset[1])
+    origin = pack_cylinder(pour.n_particles, (0.0, 0.0), radius, box.depth)
+    position = pack_cylinder(pour.n_particles, centre, radius, box.depth)
+    return Job(
+        position=position,
+        scene=scene_index,
+        width=box.width,
+        height=box.height,
+        depth=box.depth,
+        radius=0.5 * pour.spacing,
+        support_radius=support,
+        reference_density=reference_density(origin, support, box.depth),
+        sound_speed=settings.sound_speed,
+        viscosity_alpha=pour.liquid.viscosity_alpha,
+        damping=pour.damping_zeta,
+        duration=settings.max_duration,
+        gravity=GRAVITY,
+        adhesion_normal=pour.liquid.adhesion_normal,
+        adhesion_tangential=pour.liquid.adhesion_tangential,
+        rim=pour.scene.goal.rim,
+    )
+
+
+def _outcome(pour: Pour, job: Job, result: Result, solids: Solids) -> Outcome:
+    goal, place = pour.scene.goal, result.position.astype(np.float64)
+    held = [goal.holds(x, y) for x, y in place[:, :2]]
+    gap = obstacle_distances(place[:, :2], job.scene, solids)
+    on_obstacle = gap < job.radius * (1.0 + TOUCH_SKIN)
+    return Outcome(
+        judgment=float(np.mean(held)),
+        stranded=float(np.mean(on_obstacle | (place[:, 1] > goal.rim))),
+        touched=float(np.mean(result.touched)),
+        time=result.time,
+        settled=result.settled,
+        position=result.position,
+        frames=result.frames,
+    )

@@ -1,0 +1,165 @@
+"""What a design could have told apart: recovery of parameters and of models, and power.
+
+Studies are simulated with `observer.Population` and analysed as real ones are.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+
+from pourcast.statistics.bootstrap import LEVEL, Resampled, interval, resample
+from pourcast.statistics.correlation import pearson
+from pourcast.statistics.observer import Population, spread_over_grid
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+Progress = Callable[[int, int], None]
+
+
+def simulated_means(
+    judgments: Array, observers: int, population: Population, rng: np.random.Generator
+) -> Array:
+    """Mean answers of one simulated study, shape [scene_count].
+
+    Parameters
+    ----------
+    judgments
+        What is in the heads, shape [scene_count] or [observers, scene_count].
+    observers
+        How many observers.
+    population
+        How they answer.
+    rng
+        Source of randomness.
+    """
+    styles = population.draw(observers, rng)
+    means: Array = population.respond(judgments, styles, rng).mean(axis=0)
+    return means
+
+
+def recover_parameters(
+    candidates: Array,
+    planted: Sequence[int],
+    *,
+    observers: int,
+    studies: int,
+    population: Population,
+    rng: np.random.Generator,
+    spread: float = 0.0,
+    progress: Progress | None = None,
+) -> Counts:
+    """Plant each of some candidates and see which one fits best, many times.
+
+    Parameters
+    ----------
+    candidates
+        Judgments along one parameter, in its order, shape [candidate_count, scene_count].
+    planted
+        Which are planted.
+    observers, studies
+        Observers in a study, and studies for each planted one.
+    population
+        How the observers answer.
+    rng
+        Source of randomness.
+    spread
+        Observers' own parameters differ by this many grid steps (standard deviation).
+    progress
+        Called with (done, in all).
+
+    Returns
+    -------
+    ndarray
+        Number of the candidate that was recovered, shape [planted_count, studies].
+    """
+    recovered = np.empty((len(planted), studies), dtype=np.int64)
+    for row, place in enumerate(planted):
+        means = np.empty((studies, candidates.shape[1]))
+        for study in range(studies):
+            own = spread_over_grid(place, spread, len(candidates), observers, rng)
+            means[study] = simulated_means(candidates[own], observers, population, rng)
+        scores = pearson(means, candidates)
+        recovered[row] = np.where(np.isnan(scores), -np.inf, scores).argmax(axis=1)
+        if progress is not None:
+            progress(row + 1, len(planted))
+    return recovered
+
+
+def confusion(recovered: Counts, count: int) -> Counts:
+    """How often each candidate was recovered, shape [planted_count, count]."""
+    return np.stack([np.bincount(row, minlength=count) for row in recovered])
+
+
+@dataclass(frozen=True)
+class Power:
+    """Chance that a study tells two models apart, the right way round.
+
+    Parameters
+    ----------
+    power
+        Share of simulated studies that did.
+    low, high
+        Its 95 % interval (Wilson).
+    wrong
+        Share that told them apart the wrong way round.
+    """
+
+    power: float
+    low: float
+    high: float
+    wrong: float
+
+
+def power_of(
+    true: Array,
+    rival: Array,
+    *,
+    observers: int,
+    scenes: int,
+    studies: int,
+    population: Population,
+    rng: np.random.Generator,
+    resampled: Resampled = "both",
+    resamples: int = 1000,
+    level: float = LEVEL,
+) -> Power:
+    """How often a study finds that the true model agrees better with people than a rival.
+
+    Parameters
+    ----------
+    true, rival
+        Judgments of the model in the observers' heads and of the rival, shape [scene_count].
+    observers, scenes
+        Size of the study. Its scenes are drawn from those given, without replacement if
+        there are enough.
+    studies
+        How many are simulated.
+    population
+        How the observers answer.
+    rng
+        Source of randomness.
+    resampled, resamples, level
+        The interval of the difference in r that must not hold 0.
+    """
+    both = np.stack([true, rival])
+    available = both.shape[1]
+    right = wrong = 0
+    for _ in range(studies):
+        shown = rng.choice(available, scenes, replace=scenes > available)
+        styles = population.draw(observers, rng)
+        responses = population.respond(true[shown], styles, rng)
+        drawn = resample(responses, resampled, rng, resamples)
+        r = pearson(drawn.means, both[:, shown], drawn.weights)
+        difference = r[:, 0] - r[:, 1]
+        known = difference[np.isfinite(difference)]
+        if len(known) == 0:
+            continue  # One of them says the same of all these scenes: nothing is told.
+        low, high = interval(known, level)
+        right += bool(low > 0.0)
+        wrong += bool(high < 0.0)
+    found = binomtest(right, studies).proportion_ci(method="wilson")
+    return Power(right / studies, float(found.low), float(found.high), wrong / studies)

@@ -1,0 +1,246 @@
+"""Judgments of many models on a study's scenes, found by model and parameters."""
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pourcast.errors import InputError, StoreError
+from pourcast.models.registry import family_of, make_model, name_of, parse_spec
+from pourcast.progress import Report
+from pourcast.scenes.liquids.registry import resolve_liquid
+from pourcast.scenes.scene import Scene
+from pourcast.sweep.executors.choose import ClusterOptions, make_executor
+from pourcast.sweep.grid import Grid, parse_grid
+from pourcast.sweep.plan import make_plan
+from pourcast.sweep.run import SweepProgress, SweepResult, run_sweep
+from pourcast.sweep.store import Store
+
+Array = NDArray[np.float64]
+
+Request = tuple[str, str]
+"""Liquid of the trials, and spec of a model."""
+
+COLUMNS = ["digest", "liquid", "model", "parameters", "seed", "judgment"]
+
+OWN_ALPHA = "own"
+"""What stands for the liquid's own viscosity among values of `viscosity_alpha`."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Judgments of models, one row a model, its parameters and the liquid of the trials.
+
+    Parameters
+    ----------
+    scenes
+        The study's scenes.
+    rows
+        `liquid`, `family`, `parameters` (JSON), and a column for each parameter, as numbers;
+        `head` for the liquid in the model's head.
+    judgments
+        Shape [row_count, scene_count]; NaN where none is known.
+    """
+
+    scenes: tuple[Scene, ...]
+    rows: pd.DataFrame
+    judgments: Array
+
+    def find(self, liquid: str, spec: str) -> Array | None:
+        """A model's judgments on all scenes; None if they are not all known.
+
+        Parameters
+        ----------
+        liquid
+            Liquid of the trials, by the name that the judgments' tables have.
+        spec
+            The model.
+        """
+        row = self.row(liquid, spec)
+        return None if row is None or np.isnan(row).any() else row
+
+    def row(self, liquid: str, spec: str) -> Array | None:
+        """A model's judgments as far as they are known, NaN elsewhere; None if none is."""
+        wanted = json.dumps(make_model(spec).parameters())
+        same = (self.rows["liquid"] == liquid) & (self.rows["parameters"] == wanted)
+        places = np.flatnonzero(same & (self.rows["family"] == family_of(name_of(spec))))
+        return self.judgments[places[0]] if len(places) else None
+
+    def on(self, scenes: Sequence[Scene]) -> "Judged":
+        """Only the judgments of some scenes."""
+        place = {scene.id: k for k, scene in enumerate(self.scenes)}
+        chosen = [place[scene.id] for scene in scenes]
+        return Judged(tuple(scenes), self.rows, self.judgments[:, chosen])
+
+    def on_trials(self, liquid: str, **values: Any) -> NDArray[np.int64]:
+        """Rows of models that judge trials with a liquid, with these values; see `where`.
+
+        If there are none, those under any other liquid, each once: where the liquid is in a
+        model's head, what the trial shows makes no difference.
+        """
+        rows = self.where(liquid=liquid, **values)
+        if len(rows) == 0:
+            rows = self.where(**values)
+            rows = rows[~self.rows["parameters"].iloc[rows].duplicated().to_numpy()]
+        return rows
+
+    def where(self, **values: Any) -> NDArray[np.int64]:
+        """Rows with these values in these columns, whose judgments are all known."""
+        same = ~np.isnan(self.judgments).any(axis=1)
+        for column, value in values.items():
+            if column not in self.rows:
+                return np.empty(0, np.int64)
+            same &= (self.rows[column] == value).to_numpy()
+        return np.flatnonzero(same)
+
+
+def judged_from(tables: Iterable[pd.DataFrame], scenes: Sequence[Scene]) -> Judged:
+    """Put tables of judgments together; the first seed of each model counts.
+
+    Parameters
+    ----------
+    tables
+        As `judgments.predict` or a sweep gives.
+    scenes
+        The study's scenes; judgments of any others are left out.
+    """
+    parts = [table[COLUMNS] for table in tables]
+    place = {scene.digest: k for k, scene in enumerate(scenes)}
+    empty = pd.DataFrame(columns=["liquid", "family", "parameters", "head"])
+    if not parts:
+        return Judged(tuple(scenes), empty, np.empty((0, len(scenes))))
+    table = pd.concat(parts, ignore_index=True)
+    table = table[table["digest"].isin(place)].sort_values("seed", kind="stable")
+    names = {name: family_of(name) for name in table["model"].unique()}
+    table["family"] = table["model"].map(names)
+    keys = ["liquid", "family", "parameters"]
+    table = table.drop_duplicates(["digest", *keys])
+    grouped = table.groupby(keys, sort=False)
+    number = grouped.ngroup().to_numpy()
+    rows = table[~table.duplicated(keys)][keys].reset_index(drop=True)
+    judgments = np.full((len(rows), len(scenes)), np.nan)
+    judgments[number, table["digest"].map(place).to_numpy(int)] = table["judgment"]
+    parameters = pd.DataFrame([columns_of(json.loads(text)) for text in rows["parameters"]])
+    same = {scene.digest: k for k, scene in enumerate(scenes)}
+    twins = [same[scene.digest] for scene in scenes]
+    return Judged(tuple(scenes), pd.concat([rows, parameters], axis=1), judgments[:, twins])
+
+
+def columns_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """A model's parameters by the names and values that they have in `Judged.rows`."""
+    named = {("head" if name == "liquid" else name): value for name, value in parameters.items()}
+    if named.get("viscosity_alpha", 0.0) is None:
+        named["viscosity_alpha"] = OWN_ALPHA
+    return named
+
+
+def read_judged(study: Path, scenes: Sequence[Scene]) -> Judged:
+    """All judgments in a study's tables; tables with gaps are left alone.
+
+    Raises
+    ------
+    InputError
+        If a table can't be read.
+    """
+    found = []
+    for path in sorted((study / "judgments").glob("*")):
+        if path.suffix not in (".csv", ".parquet") or path.stem.endswith("-incomplete"):
+            continue
+        try:
+            reader = pd.read_csv if path.suffix == ".csv" else pd.read_parquet
+            found.append(reader(path))
+            found[-1][COLUMNS]
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(f"{path}: not a table of judgments ({error})") from None
+    return judged_from(found, scenes)
+
+
+def judge_in_study(
+    study: Path,
+    scenes: Sequence[Scene],
+    requests: Sequence[Request],
+    name: str,
+    *,
+    workers: int | None = None,
+    report: Callable[[SweepProgress], None] | None = None,
+) -> dict[Request, Array]:
+    """Judgments of models; simulations go through the study's store, and none is done twice.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    scenes
+        Its scenes.
+    requests
+        Liquids of trials and specs of models.
+    name
+        Name of the grid that the store keeps of it.
+    workers
+        Processes; all cores by default.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If a spec is wrong.
+    StoreError
+        If some judgments could not be made.
+    """
+    if not requests:
+        return {}
+    grid = parse_grid(grid_text(requests, scenes[0]), name, name)
+    result = sweep_in_study(study, scenes, grid, workers=workers, report=report)
+    if result.failures:
+        raise StoreError(f"{study}: {result.failures[0].message}")
+    judged = judged_from([result.table], scenes)
+    kinds = {scene.goal.kind: scene for scene in scenes}.values()
+    found: dict[Request, Array] = {}
+    for liquid, spec in requests:
+        answer = np.full(len(scenes), np.nan)
+        for name_there in {resolve_liquid(liquid, scene).name for scene in kinds}:
+            row = judged.row(name_there, spec)
+            answer = answer if row is None else np.where(np.isnan(row), answer, row)
+        found[liquid, spec] = answer
+    return found
+
+
+def sweep_in_study(
+    study: Path,
+    scenes: Sequence[Scene],
+    grid: Grid,
+    *,
+    workers: int | None = None,
+    report: Callable[[SweepProgress], None] | None = None,
+) -> SweepResult:
+    """Run a grid over a study's scenes here; see `judge_in_study` and `sweep.run.run_sweep`."""
+    store = Store(study / "sweep")
+    opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
+    return run_sweep(make_plan(grid, scenes), store, opened, report=report)
+
+
+def grid_text(requests: Sequence[Request], scene: Scene) -> str:
+    """TOML of a grid that asks for some models."""
+    entries = []
+    for liquid, spec in requests:
+        make_model(spec)
+        resolve_liquid(liquid, scene)
+        name, values = parse_spec(spec)
+        lines = ["[[models]]", f"model = {json.dumps(name)}", f"liquids = [{json.dumps(liquid)}]"]
+        lines += [f"parameters.{key} = {json.dumps(value)}" for key, value in values.items()]
+        entries.append("\n".join(lines))
+    return "\n\n".join(entries) + "\n"
+
+
+def sweep_words(report: Report | None, what: str) -> Callable[[SweepProgress], None] | None:
+    """Tell of a sweep as of any other work."""
+    if report is None:
+        return None
+    return lambda now: report(what, now.simulations, now.all_simulations)

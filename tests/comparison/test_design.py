@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+
+from pourcast.comparison.planning import (
+    along,
+    model_recovery_table,
+    parameter_recovery_table,
+    power_table,
+)
+from pourcast.errors import InputError
+from pourcast.models.base import zeta_window
+from pourcast.scenes.liquids.registry import WATER
+from pourcast.simulation.pour import Pour
+from pourcast.simulation.run import simulate
+from pourcast.statistics.observer import Population
+from tests.comparison.make import made_up, voronoi_scenes
+
+COMMON = {"population": Population(), "seed": 0}
+
+
+def test_a_planted_zeta_is_recovered_within_one_step_in_90_of_100_studies():
+    # Judgments of the uncertain IFE itself, from its own simulations.
+    scenes, zetas = voronoi_scenes(24, seed=4), range(0, 14)
+    outcomes = simulate([Pour(scene, WATER, 25, float(zeta)) for zeta in zetas for scene in scenes])
+    single = np.array([one.judgment for one in outcomes]).reshape(len(zetas), len(scenes))
+    centres = [zeta for zeta in zetas if zeta + 4 <= zetas[-1]]
+    uncertain = np.array(
+        [single[[int(z) for z in zeta_window(c, 4)]].mean(axis=0) for c in centres]
+    )
+    table = parameter_recovery_table(
+        centres, uncertain, observers=30, studies=100, spread=0.0, **COMMON
+    )
+    assert (table["within_one_step"] >= 0.9).all(), table
+
+
+def test_shares_add_up():
+    _, judged = made_up(20)
+    values, judgments = along(judged, "water", "ife:liquid=water", "damping_zeta")
+    assert values == list(range(17))
+    table = parameter_recovery_table(
+        values, judgments, observers=5, studies=10, spread=1.0, **COMMON
+    )
+    assert table.drop(columns="within_one_step").sum(axis=1).to_numpy() == pytest.approx(
+        np.ones(17)
+    )
+    assert table.index.name == "planted"
+
+
+def test_other_parameters_can_be_recovered():
+    _, judged = made_up(20)
+    assert along(judged, "water", "ife:liquid=water", "n_particles")[0] == [15, 25, 50, 75]
+    assert along(judged, "water", "ife:liquid=water", "viscosity_alpha")[0] == ["own", 0.2, 2.0]
+    # Any liquid of the trial will do, if the model has one in its head.
+    assert along(judged, "honey-exp1", "simple:g=0", "m")[1].shape == (11, 20)
+
+
+@pytest.mark.parametrize(
+    ("spec", "axis", "said"),
+    [
+        ("ife:liquid=water", "zeta", "there is no 'zeta'"),
+        ("ife:liquid=water", "liquid", "there is no 'liquid'"),
+        ("ife:liquid=water,n_particles=33", "damping_zeta", "0 of its values were swept"),
+    ],
+)
+def test_what_was_not_swept_can_not_be_recovered(spec, axis, said):
+    _, judged = made_up(5)
+    with pytest.raises(InputError, match=said):
+        along(judged, "water", spec, axis)
+
+
+def test_models_and_power():
+    rng = np.random.default_rng(0)
+    models = {"a": rng.random(20), "b": rng.random(20)}
+    table = model_recovery_table(models, observers=10, studies=10, **COMMON)
+    assert table.to_numpy() == pytest.approx(np.eye(2))
+    told = []
+    power = power_table(
+        models, observers=[3, 6], scenes=[10, 40], studies=4, resampled="both", level=0.95,
+        report=lambda *progress: told.append(progress), **COMMON,
+    )  # fmt: skip
+    assert list(zip(power["observers"], power["scenes"], strict=True)) == [
+        (3, 10),
+        (3, 40),
+        (6, 10),
+        (6, 40),
+    ]
+    assert ((power["low"] <= power["power"]) & (power["power"] <= power["high"])).all()
+    assert len(told) == 4

@@ -1,0 +1,61 @@
+"""Scenes to learn from: drawn once, in pieces, labelled through a sweep's store."""
+
+import pytest
+
+from pourcast.errors import InputError
+from pourcast.models.registry import make_model
+from pourcast.networks.training.data import PIECE, Draws, drawn_scenes, truth_labels
+from pourcast.scenes.liquids.registry import WATER
+from tests.networks.make import scenes_of
+
+
+def digests(scenes):
+    return [scene.digest for scene in scenes]
+
+
+def test_the_first_scenes_are_the_same_however_many_are_drawn(tmp_path):
+    draws = Draws("exp2", 5, filtered=False)
+    few = drawn_scenes(tmp_path / "a", draws, 30)
+    many = drawn_scenes(tmp_path / "a", draws, PIECE + 10)
+    at_once = drawn_scenes(tmp_path / "b", draws, PIECE + 10)
+    assert digests(few) == digests(many)[:30]
+    assert digests(many) == digests(at_once)
+    assert len(set(digests(many))) == len(many)
+    assert len({scene.id for scene in many}) == len(many)
+
+
+def test_held_out_scenes_are_others_and_filters_differ(tmp_path):
+    lists = [
+        Draws("exp1", 5), Draws("exp1", 5, stream="held-out"), Draws("exp1", 6),
+        Draws("exp1", 5, filtered=False),
+    ]  # fmt: skip
+    found = [set(digests(drawn_scenes(tmp_path, draws, 12))) for draws in lists]
+    assert len(set.union(*found)) >= 4 * 12 - 11
+    assert found[0] != found[3]
+    assert not found[0] & found[1]
+    assert not found[0] & found[2]
+
+
+def test_what_was_drawn_is_read_and_damage_is_told(tmp_path):
+    draws = Draws("exp2", 5, filtered=False)
+    first = drawn_scenes(tmp_path, draws, 5)
+    (path,) = (tmp_path / draws.name).glob("*.json")
+    assert digests(drawn_scenes(tmp_path, draws, 5)) == digests(first)
+    path.write_text(path.read_text()[:100])
+    with pytest.raises(InputError, match=r"0000\.json: not a JSON file"):
+        drawn_scenes(tmp_path, draws, 5)
+
+
+def test_labels_are_the_truths_and_made_once(tmp_path):
+    scenes = scenes_of("exp1", 4)
+    told = []
+    labels = truth_labels(tmp_path, scenes, "water", 1, lambda *words: told.append(words))
+    model = make_model("ife:n_particles=100,damping_zeta=0,zeta_sigma=0,liquid=water")
+    assert (labels == model.judge(scenes, WATER)).all()
+    assert told
+    told.clear()
+    again = truth_labels(tmp_path, scenes, "water", 1, lambda *words: told.append(words))
+    assert (again == labels).all()
+    assert not told
+    with pytest.raises(InputError, match="expected water or honey"):
+        truth_labels(tmp_path, scenes, "lava")
