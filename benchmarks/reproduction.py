@@ -14,7 +14,7 @@ import pandas as pd
 
 from pourcast.report.display import readable
 from pourcast.report.page import with_published
-from pourcast.report.published import EXP1_SPLIT_HALF
+from pourcast.study.experiments.exp1 import EXPERIMENT, PUBLISHED
 
 COLUMNS = {
     "agreement": ["model", "r", "published r", "RMSE", "bias", "slope", "r with truth-water",
@@ -46,14 +46,14 @@ def main() -> None:
     folder = parser.parse_args().study / "report" / "tables"
     tables = {name: pd.read_csv(folder / f"{name}.csv") for name in COLUMNS}
     tables = {name: table.drop(columns="simulated") for name, table in tables.items()}
-    published = with_published(tables["agreement"], "exp1")
+    published = with_published(tables["agreement"], EXPERIMENT)
     for liquid, rows in published.groupby("liquid", sort=False):
         print(f"\n### Correlation with simulated observers, {liquid} trials\n")
         print(markdown(rows, "agreement"))
     print("\n### Reliability\n")
     known = "; ".join(
         f"{liquid} {one.r:.2f} [{one.low:.2f}, {one.high:.2f}]"
-        for liquid, one in EXP1_SPLIT_HALF.items()
+        for liquid, one in PUBLISHED.split_half.items()
     )
     print(f"Published split-half correlations: {known}.\n")
     print(markdown(tables["reliability"], "reliability"))

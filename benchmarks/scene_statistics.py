@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from pourcast import predict
-from pourcast.report.published import EXP1_TRUTH_HONEY, EXP1_TRUTH_WATER
 from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.study.experiments.exp1 import PUBLISHED
 from pourcast.study.selection import CoarseFilter, filtered_scenes
 
 RIVALS = ("gravity", "water-simple", "honey-simple")
@@ -52,7 +52,7 @@ def measure(family: VoronoiFamily, rule: CoarseFilter, count: int, seed: int) ->
     selection = filtered_scenes(family, count, seed, rule=rule)
     table = predict(selection.scenes, [*TRUTHS, *RIVALS])
     r = table.pivot(index="scene", columns="model", values="judgment").corr()
-    published = {"truth-water": EXP1_TRUTH_WATER, "truth-honey": EXP1_TRUTH_HONEY}
+    published = PUBLISHED.with_truth
     errors = [r.loc[m, t] - published[t][m] for t in TRUTHS for m in RIVALS]
     obstacles = np.mean([len(scene.obstacles) for scene in selection.scenes])
     cells = [f"{selection.kept / selection.drawn:.2f}", f"{obstacles:.1f}"]

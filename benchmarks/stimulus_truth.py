@@ -58,7 +58,7 @@ def difference(one: Array, other: Array) -> str:
 
 
 def main(count: int) -> None:
-    scenes = generate_scenes(SceneRequest("exp1", count, 1, 0)).scenes
+    scenes = generate_scenes(SceneRequest("exp1", count, 1)).scenes
     truths = judged(scenes)
     keys = [(name, n) for name in LIQUIDS for n in RESOLUTIONS]
     with ProcessPoolExecutor(available_cores()) as pool:

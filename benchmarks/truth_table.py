@@ -12,7 +12,7 @@ import numpy as np
 
 from pourcast import predict, summarise
 from pourcast.models.registry import complete_presets
-from pourcast.report.published import EXP1_TRUTH_HONEY, EXP1_TRUTH_WATER
+from pourcast.study.experiments.exp1 import PUBLISHED
 from pourcast.study.folder import SceneRequest, generate_scenes
 
 HEAD = """# Every model against both ground truths
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("-n", "--scenes", type=int, default=120)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    request = SceneRequest("exp1", arguments.scenes, arguments.seed, candidates=1)
+    request = SceneRequest("exp1", arguments.scenes, arguments.seed)
     scenes = generate_scenes(request).scenes
     table = predict(scenes, complete_presets())
     wide = table.pivot(index="scene", columns="model", values="judgment")
@@ -50,10 +50,7 @@ def main() -> None:
     print(HEAD.format(count=arguments.scenes, seed=arguments.seed))
     for name in complete_presets():
         cells = [f"`{name}`", f"{means[name]:.2f}"]
-        for truth, published in (
-            ("truth-water", EXP1_TRUTH_WATER),
-            ("truth-honey", EXP1_TRUTH_HONEY),
-        ):
+        for truth, published in PUBLISHED.with_truth.items():
             a, b = wide[name].to_numpy(), wide[truth].to_numpy()
             same = name == truth
             cells.append("1" if same else f"{np.corrcoef(a, b)[0, 1]:.2f} {interval(a, b)}")

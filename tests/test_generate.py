@@ -14,8 +14,8 @@ from pourcast.scenes.polygons import convex_pieces
 from pourcast.scenes.scene_file import scenes_to_json
 from pourcast.study.selection import (
     CoarseFilter,
+    ContrastingScenes,
     choose_contrast,
-    contrasting_scenes,
     drawn_scene,
     filtered_scenes,
 )
@@ -113,13 +113,13 @@ def test_contrast_is_chosen_in_both_directions():
 
 
 def test_contrasting_scenes_from_a_small_pool():
-    chosen = contrasting_scenes(ShapesFamily(), 6, 1, candidates=60)
-    again = contrasting_scenes(ShapesFamily(), 6, 1, candidates=60)
+    choice = ContrastingScenes(candidates=60)
+    chosen, again = (choice.choose(ShapesFamily(), 6, 1) for _ in range(2))
     assert scenes_to_json(chosen.scenes) == scenes_to_json(again.scenes)
     assert chosen.pool_correlation > 0.5
     assert chosen.correlation < 0.0
     with pytest.raises(InputError, match="candidates: expected at least 6"):
-        contrasting_scenes(ShapesFamily(), 6, 1, candidates=5)
+        ContrastingScenes(candidates=5).choose(ShapesFamily(), 6, 1)
 
 
 stars = st.lists(st.floats(0.1, 0.4), min_size=3, max_size=9)
@@ -140,7 +140,7 @@ def test_a_study_that_was_interrupted_is_gone_on_with(tmp_path):
     from pourcast.errors import InputError
     from pourcast.study.folder import SceneRequest, new_study, open_study
 
-    request = SceneRequest("exp1", 2, 3, 10)
+    request = SceneRequest("exp1", 2, 3)
     new_study(tmp_path / "whole", request)
     whole = (tmp_path / "whole" / "scenes.json").read_bytes()
     (tmp_path / "whole" / "scenes.json").unlink()
@@ -148,4 +148,4 @@ def test_a_study_that_was_interrupted_is_gone_on_with(tmp_path):
     assert (tmp_path / "whole" / "scenes.json").read_bytes() == whole
     assert open_study(tmp_path / "whole", request) == scenes
     with pytest.raises(InputError, match="made with other settings"):
-        open_study(tmp_path / "whole", SceneRequest("exp1", 3, 3, 10))
+        open_study(tmp_path / "whole", SceneRequest("exp1", 3, 3))

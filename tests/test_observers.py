@@ -18,8 +18,11 @@ def judge(heads):
     }
 
 
-def table_of(count, *, between=True, seed=0, **more):
-    return simulate_observers(scenes(), Observers(count, HEADS, between, seed=seed, **more), judge)
+ONE_LIQUID_EACH = (("water",), ("honey",))
+
+
+def table_of(count, *, groups=ONE_LIQUID_EACH, seed=0, **more):
+    return simulate_observers(scenes(), Observers(count, HEADS, groups, seed=seed, **more), judge)
 
 
 def test_every_row_says_that_it_is_simulated():
@@ -37,7 +40,7 @@ def test_between_participants_each_sees_one_liquid():
 
 
 def test_within_participants_each_sees_both():
-    table = table_of(4, between=False)
+    table = table_of(4, groups=())
     assert len(table) == 24
     assert (table.groupby("participant")["liquid"].nunique() == 2).all()
     orders = table.groupby("participant")[["scene", "liquid"]].apply(
@@ -84,11 +87,12 @@ def test_they_can_be_read_as_responses(tmp_path):
     ("change", "said"),
     [
         ({"count": 0}, "observers: expected at least 1"),
-        ({"heads": {"water": "wine-ife"}}, "there is no 'wine-ife'"),
+        ({"models": {"water": "wine-ife"}}, "there is no 'wine-ife'"),
+        ({"groups": (("oil",),)}, "observers: oil: no model for the trials of this liquid"),
         ({"spreads": {"zeta": 1.0}}, "vary: there is no 'zeta'"),
         ({"spreads": {"m": -1.0}}, "vary: m: expected 0 or more"),
     ],
 )
 def test_bad_observers(change, said):
     with pytest.raises(InputError, match=said):
-        Observers(**({"count": 3, "heads": HEADS, "between": True} | change))
+        Observers(**({"count": 3, "models": HEADS, "groups": ONE_LIQUID_EACH} | change))

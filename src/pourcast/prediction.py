@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from pourcast.models.registry import make_model
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 
@@ -18,7 +19,8 @@ def predict(
     liquid: str = "water",
     seed: int = 0,
     *,
-    report: Report | None = None,
+    own: Sequence[Liquid] = (),
+    report: Report = no_report,
 ) -> pd.DataFrame:
     """Let models judge scenes.
 
@@ -33,6 +35,8 @@ def predict(
         model's head, and judge any trial with that.
     seed
         Source of all randomness.
+    own
+        A study's own liquids, which `liquid` and the models' parameters can name.
     report
         Told of the progress.
 
@@ -47,14 +51,13 @@ def predict(
     InputError
         If a model or the liquid is wrong; nothing has been simulated then.
     """
-    built = {spec: make_model(spec) for spec in dict.fromkeys(models)}
-    by_goal = {scene.goal.kind: resolve_liquid(liquid, scene) for scene in scenes}
+    built = {spec: make_model(spec, own) for spec in dict.fromkeys(models)}
+    by_goal = {scene.goal.kind: resolve_liquid(liquid, scene, own) for scene in scenes}
     tables = []
     for spec, model in built.items():
 
         def progress(done: int, total: int, spec: str = spec) -> None:
-            if report is not None:
-                report(spec, done, total)
+            report(spec, done, total)
 
         judgments = np.empty(len(scenes))
         for kind, trial_liquid in by_goal.items():

@@ -8,6 +8,7 @@ import numpy as np
 from pourcast.networks.backbones import make_backbone, torch_module
 from pourcast.networks.network import Card, Network, Recipe, outputs, tensor_of, write_network
 from pourcast.networks.picture import paint
+from pourcast.study.experiments.registry import EXPERIMENTS
 from tests.make import random_scenes
 
 SMALL: dict[str, Any] = {"height": 48, "width": 32, "passes": 1, "tuning_passes": 1, "batch": 16}
@@ -15,13 +16,13 @@ SMALL: dict[str, Any] = {"height": 48, "width": 32, "passes": 1, "tuning_passes"
 
 
 def scenes_of(experiment, count, seed=0):
-    goal = {"exp1": "basins", "exp2": "cup"}[experiment]
+    goal = EXPERIMENTS.get(experiment).goal
     return [s for s in random_scenes(2 * count, seed) if s.goal.kind == goal]
 
 
 def card_of(liquid="water", experiment="exp1", recipe=None) -> Card:
     return Card(
-        experiment=experiment, liquid=liquid, labelled_by="nobody", scenes=0, validation=0, seed=0,
+        experiment=experiment, goal=EXPERIMENTS.get(experiment).goal, liquid=liquid, labelled_by="nobody", scenes=0, validation=0, seed=0,
         filtered=True, recipe=recipe or Recipe(**SMALL), first_weights="random", epochs=(),
         held_out=None, made_with={},
     )  # fmt: skip

@@ -13,6 +13,7 @@ from pourcast.networks.backbones import make_backbone
 from pourcast.networks.training import learner
 from pourcast.networks.training.checkpoint import save_checkpoint
 from pourcast.report.page import Options, with_published
+from pourcast.study.experiments.registry import EXPERIMENTS
 from tests.networks.make import written
 from tests.test_docs import PAGES, snippets
 
@@ -94,7 +95,7 @@ def test_interrupted_training_is_gone_on_with(net, tmp_path, capsys, monkeypatch
 
 
 def test_experiment_2_and_a_file_of_first_weights(net, tmp_path, capsys):
-    arguments = ["convnet", "train", "-e", "exp2", *TINY, "--no-filter", "--honey-scenes", 0]
+    arguments = ["convnet", "train", "-e", "exp2", *TINY, "--no-filter", "--tuned-scenes", 0]
     start = ["--start", net / "water.safetensors", "--json"]
     said = json.loads(run(capsys, *arguments, *start, "-o", tmp_path / "net"))
     (card,) = said.values()
@@ -157,7 +158,7 @@ def test_the_documentations_lines(net, tmp_path, monkeypatch, capsys):
             # The same command, with few scenes and passes.
             arguments += [*TINY, "--data", net / "data"]
             if "alexnet" in arguments:
-                arguments += ["--size", "64x64", "--honey-scenes", 0]
+                arguments += ["--size", "64x64", "--tuned-scenes", 0]
         if "imagenet" in arguments:
             monkeypatch.setattr("torch.hub.load_state_dict_from_url", like_imagenets)
         run(capsys, *arguments)
@@ -173,7 +174,9 @@ def test_a_reproduction_with_networks(tmp_path, monkeypatch, capsys):
     assert any(line in page.read_text() for page in PAGES)
     run(capsys, *shlex.split(line)[1:], "--scenes", 6, "--convnet-scenes", 40)
     report = tmp_path / "nets" / "report"
-    table = with_published(pd.read_csv(report / "tables" / "agreement.csv"), "exp1")
+    table = with_published(
+        pd.read_csv(report / "tables" / "agreement.csv"), EXPERIMENTS.get("exp1")
+    )
     for model, published in (("water-convnet", [0.76, 0.52]), ("honey-convnet", [0.85, 0.70])):
         assert table[table["model"] == model]["published_r"].tolist() == published
     page = (report / "report.html").read_text()

@@ -4,9 +4,12 @@ import pytest
 
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
-from pourcast.networks.training.data import PIECE, Draws, drawn_scenes, truth_labels
+from pourcast.networks.training.data import PIECE, Draws, drawn_scenes, label_spec, truth_labels
 from pourcast.scenes.liquids.registry import WATER
+from pourcast.study.experiments.registry import EXPERIMENTS
 from tests.networks.make import scenes_of
+
+SPEC = label_spec(EXPERIMENTS.get("exp1"), "water")
 
 
 def digests(scenes):
@@ -49,13 +52,13 @@ def test_what_was_drawn_is_read_and_damage_is_told(tmp_path):
 def test_labels_are_the_truths_and_made_once(tmp_path):
     scenes = scenes_of("exp1", 4)
     told = []
-    labels = truth_labels(tmp_path, scenes, "water", 1, lambda *words: told.append(words))
+    labels = truth_labels(tmp_path, scenes, "water", SPEC, 1, lambda *words: told.append(words))
     model = make_model("ife:n_particles=100,damping_zeta=0,zeta_sigma=0,liquid=water")
     assert (labels == model.judge(scenes, WATER)).all()
     assert told
     told.clear()
-    again = truth_labels(tmp_path, scenes, "water", 1, lambda *words: told.append(words))
+    again = truth_labels(tmp_path, scenes, "water", SPEC, 1, lambda *words: told.append(words))
     assert (again == labels).all()
     assert not told
-    with pytest.raises(InputError, match="expected water or honey"):
-        truth_labels(tmp_path, scenes, "lava")
+    with pytest.raises(InputError, match="there is no 'lava'"):
+        truth_labels(tmp_path, scenes, "lava", SPEC)

@@ -118,7 +118,7 @@ def test_bad_files_get_one_clear_line(tmp_path):
     assert "damaged" in complaint(spec, scenes)
     path.write_bytes(whole)
     card_path(path).write_text(card.replace('"water"', '"lava"'))
-    assert "water.json: liquid: Input should be 'water' or 'honey'" in complaint(spec, scenes)
+    assert "water.json: liquid: there is no 'lava'" in complaint(spec, scenes)
     card_path(path).write_text(card[:40])
     assert "water.json: Invalid JSON" in complaint(spec, scenes)
     card_path(path).unlink()

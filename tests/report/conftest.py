@@ -20,7 +20,7 @@ def study(tmp_path_factory):
     write_scenes(folder / "scenes.json", scenes)
     write_table(folder / "judgments" / "grid.parquet", made_up_table(scenes))
     observers = Observers(
-        12, {"water": "water-simple", "honey": "gravity"}, between=True, spreads={}
+        12, {"water": "water-simple", "honey": "gravity"}, (("water",), ("honey",)), spreads={}
     )
     rehearse(folder, scenes, observers)
     return folder

@@ -26,8 +26,8 @@ def test_simulate_writes_the_same_bytes_for_the_same_seed(study, tmp_path, capsy
         6,
         "-m",
         "gravity",
-        "--honey-model",
-        "water-simple",
+        "-m",
+        "honey=water-simple",
     ]
     simulate += ["--vary", "m=0.02", "--precision", 9]
     assert call(*simulate, "-o", one) == call(*simulate, "-o", two) == 0

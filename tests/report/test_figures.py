@@ -8,10 +8,13 @@ from pourcast.comparison.agreement import agreement_table, differences_table, in
 from pourcast.comparison.choice import candidates, choice_table, scores_table
 from pourcast.pictures.style import save_figure
 from pourcast.report.figures import design, fits, models, people, scenes
-from pourcast.report.published import EXP1_HONEY, EXP1_WATER, with_people
 from pourcast.scenes.goals.cup import Cup
+from pourcast.study.experiments.base import published_with_people
+from pourcast.study.experiments.registry import EXPERIMENTS
 from tests.comparison.make import made_up, people_like, voronoi_scenes
 from tests.comparison.test_agreement import SETTINGS, compared
+
+PUBLISHED = published_with_people(EXPERIMENTS.get("exp1"), "water")
 
 
 def bars(axes):
@@ -21,20 +24,22 @@ def bars(axes):
 def test_correlations_are_bars_with_published_diamonds():
     table = agreement_table(compared(), SETTINGS)
     table.loc[table["model"] == "right", "model"] = "water-ife"
-    figure = models.correlations(table, "exp1")
+    figure = models.correlations(table, EXPERIMENTS.get("exp1"))
     assert bars(figure.axes[0]) == pytest.approx(table["r"].tolist())
     diamonds = next(line for line in figure.axes[0].lines if line.get_marker() == "D")
     assert sorted(diamonds.get_xdata()) == sorted(
-        [EXP1_WATER["water-ife"].r, EXP1_WATER["truth-water"].r]
+        [PUBLISHED["water-ife"].r, PUBLISHED["truth-water"].r]
     )
-    assert not models.correlations(table, "exp2").axes[0].lines
+    assert not models.correlations(table, EXPERIMENTS.get("exp2")).axes[0].lines
 
 
 def test_published_values_are_within_their_intervals():
-    for table in (EXP1_WATER, EXP1_HONEY):
-        assert all(one.low <= one.r <= one.high for one in table.values())
-    assert with_people("exp1", "honey") is EXP1_HONEY
-    assert len(with_people("exp2", "water")) == 0
+    for name in EXPERIMENTS.names():
+        published = EXPERIMENTS.get(name).published
+        tables = published.with_people.values() if published else ()
+        assert all(one.low <= one.r <= one.high for table in tables for one in table.values())
+    assert published_with_people(EXPERIMENTS.get("exp1"), "honey")["gravity"].r == 0.73
+    assert len(published_with_people(EXPERIMENTS.get("exp2"), "water")) == 0
 
 
 def test_scatter_shows_every_scene():

@@ -9,6 +9,7 @@ import pytest
 from pourcast.comparison.compare import Request, compare_study
 from pourcast.errors import InputError
 from pourcast.report.page import Options, with_published, write_report
+from pourcast.study.experiments.registry import EXPERIMENTS
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +94,7 @@ def test_the_same_report_has_the_same_bytes(comparison, page, tmp_path):
 
 
 def test_published_values_stand_beside(comparison):
-    table = with_published(comparison.tables["agreement"], "exp1")
+    table = with_published(comparison.tables["agreement"], EXPERIMENTS.get("exp1"))
     place = list(table.columns).index("published_r")
     assert table.columns[place - 3 : place].tolist() == ["r", "r_low", "r_high"]
     row = table[(table["model"] == "gravity") & (table["liquid"] == "water")].iloc[0]

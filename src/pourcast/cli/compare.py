@@ -15,7 +15,7 @@ from pourcast.cli.options import (
     StudyArgument,
     WorkersOption,
 )
-from pourcast.cli.scenes import Experiment
+from pourcast.cli.scenes import ExperimentArgument
 from pourcast.cli.terminal import (
     print_json,
     print_table,
@@ -243,13 +243,13 @@ def _print_report(found: "Comparison", page: Path) -> None:
 
 @app.command()
 def reproduce(
-    experiment: Annotated[Experiment, typer.Argument(help="exp1: basins; exp2: cup.")],
+    experiment: ExperimentArgument,
     out: Annotated[
         Path, typer.Option("--output", "-o", help="Study folder to make, or go on with.")
     ],
     quick: Annotated[bool, typer.Option("--quick", help="24 scenes, a small grid.")] = False,
     scenes: Annotated[
-        int | None, typer.Option("-n", "--scenes", min=3, help="How many [120 or 60].")
+        int | None, typer.Option("-n", "--scenes", min=3, help="How many [as the experiment has].")
     ] = None,
     responses: ResponsesOption = None,
     percent: PercentOption = False,
@@ -264,7 +264,7 @@ def reproduce(
     workers: WorkersOption = None,
     seed: SeedOption = 1,
 ) -> None:
-    """Reproduce the paper's experiment, from nothing to a report beside the published values.
+    """Reproduce an experiment, from nothing to a report beside the published values.
 
     Simulated observers answer, unless --responses gives people's. The same command goes on after
     an interruption.
@@ -275,7 +275,7 @@ def reproduce(
     from pourcast.report.reproduction import reproduce as run
 
     wanted = Reproduction(
-        experiment.value, quick, seed, scenes, responses, carry_from, tuple(exclude or ()), percent,
+        experiment, quick, seed, scenes, responses, carry_from, tuple(exclude or ()), percent,
         with_convnet, convnet_scenes,
     )  # fmt: skip
     with resumable(out), progress_bar() as bar:

@@ -8,7 +8,7 @@ import typer
 
 from pourcast.cli.app import app
 from pourcast.cli.options import JsonOption, SeedOption, WorkersOption
-from pourcast.cli.scenes import Experiment
+from pourcast.cli.scenes import EXPERIMENT_HELP
 from pourcast.cli.terminal import print_json, print_table, progress_bar, resumable
 from pourcast.errors import InputError
 
@@ -32,17 +32,15 @@ class Start(StrEnum):
 
 @networks.command()
 def train(
-    experiment: Annotated[
-        Experiment, typer.Option("--experiment", "-e", help="exp1: basins; exp2: cup.")
-    ],
+    experiment: Annotated[str, typer.Option("--experiment", "-e", help=EXPERIMENT_HELP)],
     out: Annotated[Path, typer.Option("--output", "-o", help="Folder to make, or go on with.")],
     scenes: Annotated[
         int | None,
-        typer.Option("-n", "--scenes", help="Training scenes of the water network [10000]."),
+        typer.Option("-n", "--scenes", help="Training scenes of the first network [10000]."),
     ] = None,
-    honey_scenes: Annotated[
+    tuned_scenes: Annotated[
         int | None,
-        typer.Option(help="Of the honey network [a quarter as many]; 0: water only."),
+        typer.Option(help="Of the other liquids' [a quarter as many]; 0: only the first."),
     ] = None,
     backbone: Annotated[
         str,
@@ -76,20 +74,25 @@ def train(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Train a water network on scenes that the ground truth labels, then fine-tune honey's from it.
+    """Train a network on scenes that the ground truth labels; other liquids' are tuned from it.
 
     Every piece of work is kept: the same command goes on after Ctrl-C.
 
     Example: pourcast convnet train --experiment exp1 --scenes 500 --quick -o net
     """
     from pourcast.networks.network import in_words, read_card
-    from pourcast.networks.training.pair import DEFAULT_SCENES, Request, train_networks
+    from pourcast.networks.training.pair import (
+        DEFAULT_SCENES,
+        Request,
+        network_spec,
+        train_networks,
+    )
 
     recipe = _recipe(backbone, start, size, quick, passes, learning_rate)
     request = Request(
-        experiment.value,
+        experiment,
         DEFAULT_SCENES if scenes is None else scenes,
-        honey_scenes,
+        tuned_scenes,
         recipe,
         seed,
         not keep_all,
@@ -104,7 +107,7 @@ def train(
         return
     for path, card in cards.items():
         typer.echo(f"{path}: {in_words(card)}; {path.with_suffix('.png').name} shows it")
-    names = " ".join(f"-m {card.liquid}-convnet:weights={path}" for path, card in cards.items())
+    names = " ".join(f"-m {network_spec(card.liquid, path)}" for path, card in cards.items())
     typer.echo(f"\nuse: pourcast predict SCENES {names}")
 
 

@@ -73,10 +73,10 @@ def recover(
     """
     from pourcast.comparison import planning as design
     from pourcast.models.registry import complete_presets
-    from pourcast.observers.responses import HEADS
     from pourcast.report.figures.design import recovery
     from pourcast.scenes.liquids.registry import resolve_liquid
-    from pourcast.study.folder import study_scenes
+    from pourcast.study.experiments.base import observer_model
+    from pourcast.study.folder import study_experiment, study_scenes
     from pourcast.sweep.judged import judge_in_study, read_judged
 
     scenes = study_scenes(study)
@@ -89,7 +89,8 @@ def recover(
     }  # fmt: skip
     with progress_bar() as bar:
         if what is Recovered.PARAMETERS:
-            spec = (model or [HEADS[liquid]])[0]
+            experiment = study_experiment(study, scenes)
+            spec = (model or [observer_model(experiment, liquid)])[0]
             trial_liquid = resolve_liquid(liquid, scenes[0]).name
             values, judged = design.along(read_judged(study, scenes), trial_liquid, spec, parameter)
             table = design.parameter_recovery_table(

@@ -2,14 +2,13 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from pourcast.cli.app import app
 from pourcast.cli.options import (
     JsonOption,
-    LiquidName,
     LiquidOption,
     ModelOption,
     ScenesArgument,
@@ -42,7 +41,7 @@ def demo(
         print_json({"judgments": result.table.to_dict(), "files": files})
         return
     print_table(result.table)
-    typer.echo("\nJudgments: share of the liquid in the right basin (exp1), in the cup (exp2).")
+    typer.echo(f"\nJudgments: {'; '.join(f'{k}: {share}' for k, share in result.shares.items())}.")
     for path, meaning in result.files.items():
         typer.echo(f"{path}  {meaning}")
 
@@ -51,7 +50,7 @@ def demo(
 def predict(
     scenes: ScenesArgument,
     model: ModelOption = None,
-    liquid: LiquidOption = LiquidName.WATER,
+    liquid: LiquidOption = "water",
     out: Annotated[
         Path | None, typer.Option("--output", "-o", help="Table to write (.csv or .parquet).")
     ] = None,
@@ -66,15 +65,15 @@ def predict(
     from pourcast.models.registry import make_model
     from pourcast.prediction import predict as predict_scenes
     from pourcast.prediction import summarise
-    from pourcast.study.folder import load_scenes
+    from pourcast.study.folder import load_scenes, study_liquids
     from pourcast.tables import check_table_path, write_table
 
-    loaded = load_scenes(scenes)
+    loaded, own = load_scenes(scenes), study_liquids(scenes)
     if out is not None:
         check_table_path(out)
         check_writable(out)
     with progress_bar() as report:
-        table = predict_scenes(loaded, model or ["water-ife"], liquid.value, seed, report=report)
+        table = predict_scenes(loaded, model or ["water-ife"], liquid, seed, own=own, report=report)
     if out is not None:
         write_table(out, table)
     if as_json:
@@ -86,7 +85,7 @@ def predict(
         typer.echo()
     print_table(summarise(table))
     for spec in dict.fromkeys(model or ()):
-        if remark := make_model(spec).remark:
+        if remark := make_model(spec, own).remark:
             typer.echo(f"note: {spec}: {remark}")
     if out is not None:
         typer.echo(f"\n{out}: {len(table)} judgments")
@@ -126,6 +125,49 @@ def bench(
             f"\n{table['simulations'].sum()} simulations: {table['minutes'].sum():.0f} minutes "
             f"on this machine (measured on {table['run'].sum()} of them)"
         )
+
+
+@app.command(name="list")
+def list_(as_json: JsonOption = False) -> None:
+    """List what commands know by name: experiments, goals, liquids (`models` lists models).
+
+    Example: pourcast list
+    """
+    import pandas as pd
+
+    from pourcast.scenes.goals.registry import GOALS
+    from pourcast.scenes.liquids.registry import known_liquids
+    from pourcast.study.experiments.registry import EXPERIMENTS
+
+    experiments = [EXPERIMENTS.get(name) for name in EXPERIMENTS.names()]
+    tables: dict[str, list[dict[str, Any]]] = {
+        "experiments": [
+            {
+                "experiment": one.name, "scenes": one.scene_count, "goal": one.goal,
+                "liquids": " | ".join(", ".join(group) for group in one.groups),
+                "participants": one.participants, "what it is": one.title,
+            }
+            for one in experiments
+        ],
+        "goals": [
+            {"goal": name, "judgment": GOALS.get(name).share} for name in GOALS.names()
+        ],
+        "liquids": [
+            {
+                "liquid": one.name, "called": one.called, "alpha": f"{one.viscosity_alpha:g}",
+                "adhesion [1/s]": f"{one.adhesion_tangential:g}",
+                "viscosity [m2/s]": f"{one.kinematic_viscosity:g}", "colour": one.colour,
+            }
+            for one in known_liquids()
+        ],
+    }  # fmt: skip
+    if as_json:
+        print_json(tables)
+        return
+    for rows in tables.values():
+        frame = pd.DataFrame(rows)
+        print_table(frame.set_index(frame.columns[0]))
+        typer.echo()
 
 
 @app.command()

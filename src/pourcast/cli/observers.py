@@ -49,14 +49,18 @@ def population_of(**given: float | None) -> "Population":
 def simulate(
     study: StudyArgument,
     observers: Annotated[
-        int | None, typer.Option(min=1, help="How many observers [65; 21 for a cup].")
+        int | None, typer.Option(min=1, help="How many observers [as the experiment had].")
     ] = None,
     model: Annotated[
-        str, typer.Option("--model", "-m", help="Model in the heads, water trials.")
-    ] = "water-ife",
-    honey_model: Annotated[
-        str, typer.Option("--honey-model", help="Model in the heads, honey trials.")
-    ] = "honey-ife-2",
+        list[str] | None,
+        typer.Option(
+            "--model",
+            "-m",
+            metavar="[LIQUID=]NAME[:...]",
+            help="Model in the heads, in all trials or in a liquid's; several times "
+            "[as the experiment says].",
+        ),
+    ] = None,
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -84,27 +88,27 @@ def simulate(
 ) -> None:
     """Rehearse a study: observers with a model in their heads answer, with noise and lapses.
 
-    Every row says that it is simulated. In a study with basins each observer sees one liquid, with
-    cups both. With --browser they take part as people will, from consent to completion code; the
-    design says who sees what.
+    Every row says that it is simulated. Observers see the liquids that their group sees in the
+    study's experiment. With --browser they take part as people will, from consent to completion
+    code; the design says who sees what.
 
     Example: pourcast experiment simulate my-study --observers 65 --model water-ife
     """
     from pourcast.files import check_writable
-    from pourcast.observers.observers import SPREADS, Observers
-    from pourcast.observers.responses import OBSERVERS, rehearse
-    from pourcast.study.folder import study_scenes
+    from pourcast.observers.observers import SPREADS
+    from pourcast.observers.responses import models_by_liquid, observers_of, rehearse
+    from pourcast.study.folder import study_experiment, study_scenes
     from pourcast.tables import check_table_path
 
     scenes = study_scenes(study)
     if out is not None:
         check_table_path(out)
         check_writable(out)
-    basins = scenes[0].goal.kind == "basins"
-    who = Observers(
-        observers or OBSERVERS["exp1" if basins else "exp2"],
-        {"water": model, "honey": honey_model},
-        between=basins,
+    experiment = study_experiment(study, scenes)
+    who = observers_of(
+        experiment,
+        observers,
+        models=models_by_liquid(model or [], experiment),
         population=population_of(
             bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
         ),
@@ -118,7 +122,7 @@ def simulate(
         return
     with progress_bar() as report:
         path = rehearse(study, scenes, who, out, report)
-    trials = len(scenes) * (1 if basins else 2)
+    trials = len(scenes) * len(who.seen_by(0))
     typer.echo(f"{path}: {who.count} simulated observers, {trials} trials each")
 
 
@@ -143,7 +147,7 @@ def _in_browser(study: Path, who: "Observers", *, visual: bool) -> None:
         experiment = Experiment(study, storage, report)
         try:
             # Who sees what is the design's to say: here everybody has an answer to everything.
-            table = observers_table(study, experiment.scenes, replace(who, between=False), report)
+            table = observers_table(study, experiment.scenes, replace(who, groups=()), report)
             app = create_app(experiment, rehearsal=Rehearsal(table, experiment.scenes))
             with served(app) as base, chromium(headless=not visual) as browser:
                 drive_observers(

@@ -25,13 +25,18 @@ class ExecutorName(StrEnum):
     SLURM = "slurm"
 
 
-class LiquidName(StrEnum):
-    """Liquids that a trial can show."""
+def complete_experiment(incomplete: str) -> list[str]:
+    """Names of experiments, for the shell's completion."""
+    from pourcast.study.experiments.registry import EXPERIMENTS
 
-    WATER = "water"
-    HONEY = "honey"
-    HONEY_EXP1 = "honey-exp1"
-    HONEY_EXP2 = "honey-exp2"
+    return [name for name in EXPERIMENTS.names() if name.startswith(incomplete)]
+
+
+def complete_liquid(incomplete: str) -> list[str]:
+    """Names of liquids, for the shell's completion."""
+    from pourcast.scenes.liquids.registry import liquid_names
+
+    return [name for name in liquid_names() if name.startswith(incomplete)]
 
 
 ScenesArgument = Annotated[
@@ -44,7 +49,13 @@ ModelOption = Annotated[
         help="A model; may be given several times. `pourcast models` lists them.",
     ),
 ]  # fmt: skip
-LiquidOption = Annotated[LiquidName, typer.Option(help="Liquid shown in the trials.")]
+LiquidOption = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME", autocompletion=complete_liquid,
+        help="Liquid shown in the trials; `pourcast list` lists them.",
+    ),
+]  # fmt: skip
 SeedOption = Annotated[int, typer.Option(min=0, help="Source of all randomness.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes [all cores].")]

@@ -9,20 +9,13 @@ import typer
 from pourcast.cli.app import app
 from pourcast.cli.options import (
     JsonOption,
-    LiquidName,
     LiquidOption,
     ModelOption,
     ScenesArgument,
     SeedOption,
+    complete_experiment,
 )
 from pourcast.cli.terminal import print_json, progress_bar
-
-
-class Experiment(StrEnum):
-    """The paper's two kinds of scene."""
-
-    EXP1 = "exp1"
-    EXP2 = "exp2"
 
 
 class ForeignFormat(StrEnum):
@@ -33,12 +26,19 @@ class ForeignFormat(StrEnum):
     SPLISHSPLASH = "splishsplash"
 
 
-ExperimentArgument = Annotated[Experiment, typer.Argument(help="exp1: basins; exp2: cup.")]
+EXPERIMENT_HELP = "An experiment by name, such as exp1; `pourcast list` lists them."
+ExperimentArgument = Annotated[
+    str,
+    typer.Argument(metavar="EXPERIMENT", help=EXPERIMENT_HELP, autocompletion=complete_experiment),
+]
 CountOption = Annotated[
-    int | None, typer.Option("-n", "--scenes", min=1, help="How many [120 or 60].")
+    int | None, typer.Option("-n", "--scenes", min=1, help="How many [as the experiment has].")
 ]
 CandidatesOption = Annotated[
-    int, typer.Option(min=1, help="exp2: size of the pool that the scenes are chosen from.")
+    int | None,
+    typer.Option(
+        min=1, help="Size of the pool that scenes are chosen from, if they are [exp2: 1000]."
+    ),
 ]
 
 
@@ -48,19 +48,18 @@ def scenes(
     out: Annotated[Path, typer.Option("--output", "-o", help="Scene file to write (.json).")],
     count: CountOption = None,
     seed: SeedOption = 0,
-    candidates: CandidatesOption = 1000,
+    candidates: CandidatesOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Generate scenes: drawn at random, filtered by simulation, for exp2 chosen for contrast.
+    """Generate an experiment's scenes: drawn at random, filtered by simulation, and chosen.
 
     Example: pourcast scenes exp1 -n 120 --seed 1 -o scenes.json
     """
     from pourcast.files import check_writable
     from pourcast.scenes.scene_file import write_scenes
-    from pourcast.study.folder import DEFAULT_SCENES, SceneRequest, generate_scenes
+    from pourcast.study.folder import SceneRequest, generate_scenes
 
-    wanted = count or DEFAULT_SCENES[experiment.value]
-    request = SceneRequest(experiment.value, wanted, seed, candidates)
+    request = SceneRequest(experiment, count, seed, candidates)
     check_writable(out)
     with progress_bar() as report:
         selection = generate_scenes(request, report)
@@ -87,7 +86,8 @@ def _print_selection(selection: Any, path: Path, *, as_json: bool) -> None:
     )
     if selection.correlation is not None:
         typer.echo(
-            f"correlation of water-ife and honey-ife-1: {selection.correlation:+.2f} over the "
+            f"correlation of {' and '.join(selection.correlated)}: "
+            f"{selection.correlation:+.2f} over the "
             f"chosen scenes ({selection.pool_correlation:+.2f} over all candidates)"
         )
 
@@ -98,20 +98,23 @@ def new(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make.")],
     count: CountOption = None,
     seed: SeedOption = 0,
-    candidates: CandidatesOption = 1000,
+    candidates: CandidatesOption = None,
     practice: Annotated[
-        int, typer.Option(min=0, help="Scenes that participants practise with.")
-    ] = 15,
+        int | None,
+        typer.Option(min=0, help="Scenes that participants practise with [as the experiment has]."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Make a study folder with freshly generated scenes.
 
     Example: pourcast new exp1 my-study --scenes 40
     """
-    from pourcast.study.folder import DEFAULT_SCENES, SceneRequest, new_study
+    from pourcast.study.experiments.registry import EXPERIMENTS
+    from pourcast.study.folder import SceneRequest, new_study
 
-    wanted = count or DEFAULT_SCENES[experiment.value]
-    request = SceneRequest(experiment.value, wanted, seed, candidates, practice)
+    if practice is None:
+        practice = EXPERIMENTS.get(experiment).practice_count
+    request = SceneRequest(experiment, count, seed, candidates, practice)
     with progress_bar() as report:
         selection = new_study(folder, request, report)
     _print_selection(selection, folder / "scenes.json", as_json=as_json)
@@ -123,7 +126,7 @@ def show(
     out: Annotated[Path, typer.Option("--output", "-o", help="A .png, .svg, .gif or .mp4 file.")],
     scene: Annotated[str, typer.Option(help="Which scene: a number from 1, or its id.")] = "1",
     model: ModelOption = None,
-    liquid: LiquidOption = LiquidName.WATER,
+    liquid: LiquidOption = "water",
     seed: SeedOption = 0,
 ) -> None:
     """Look at a scene, at a pour in six moments (.png, .svg) or as a film (.gif, .mp4).
@@ -138,7 +141,7 @@ def show(
     chosen = pick_scene(load_scenes(scenes), scene, scenes)
     with progress_bar() as report:
         imagined = show_scene(
-            chosen, out, model or [], liquid.value, seed,
+            chosen, out, model or [], liquid, seed,
             progress=lambda done, total: report("drawing", done, total),
         )  # fmt: skip
     for one in imagined:

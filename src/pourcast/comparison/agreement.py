@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from statsmodels.stats.multitest import multipletests
 
 from pourcast.comparison import stimulus
+from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.bootstrap import (
     LEVEL,
     RESAMPLES,
@@ -97,7 +98,7 @@ def short_liquid(liquid: str) -> str:
     >>> short_liquid("honey-exp1")
     'honey'
     """
-    return liquid.partition("-")[0]
+    return called(liquid)
 
 
 _STREAMS: dict[Resampled, int] = {"participants": 0, "scenes": 1, "both": 2}

@@ -16,7 +16,8 @@ from pourcast.models.registry import complete_presets, labels_of, make_model
 from pourcast.progress import Report
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
-from pourcast.study.folder import study_scenes
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.folder import study_experiment, study_scenes
 from pourcast.study.responses import Exclusion, arrange, exclude, remarks
 from pourcast.sweep.judged import Judged, judge_in_study, read_judged, sweep_words
 
@@ -63,6 +64,8 @@ class Comparison:
     ----------
     study
         The study folder.
+    experiment
+        What it was made from; None for scenes that ask what no experiment asks.
     scenes
         Its scenes.
     source
@@ -84,6 +87,7 @@ class Comparison:
     """
 
     study: Path
+    experiment: Experiment | None
     scenes: tuple[Scene, ...]
     source: tuple[Path, str]
     simulated: bool
@@ -156,7 +160,9 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
                 f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
                 f"least {agreement.FEWEST_SCENES}"
             )
-    asked = list(request.models or complete_presets())
+    experiment = study_experiment(study, scenes)
+    usual = (experiment and experiment.models) or complete_presets()
+    asked = list(request.models or usual)
     specs = [spec for spec in asked if spec != stimulus.NAME]
     carried = [] if request.carried is None else list(request.carried["spec"])
     wanted = [
@@ -201,6 +207,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
         tables["carried"] = choice.carried_table(compared(carried), request.carried, settings)
     return Comparison(
         study=study,
+        experiment=experiment,
         scenes=tuple(scenes),
         source=(path, hashlib.sha256(path.read_bytes()).hexdigest()),
         simulated=bool(table["simulated"].any()),

@@ -11,14 +11,16 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 
 from pourcast.engine.batch import available_cores
-from pourcast.errors import InputError, one_line
+from pourcast.errors import InputError, one_line, unknown
 from pourcast.extras import optional_module
 from pourcast.files import replacing, write_text
+from pourcast.frozen import Frozen
 from pourcast.networks.backbones import make_backbone, torch_module
 from pourcast.networks.picture import MIRRORED, STRAIGHT, Pictures, paint
+from pourcast.scenes.liquids.registry import liquid_names
 from pourcast.scenes.scene import Scene
 
 SUFFIX = ".safetensors"
@@ -29,11 +31,7 @@ _MEAN, _SD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Of ImageNet's pictures, to which pre-trained networks are used; we keep to it throughout."""
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Recipe(_Frozen):
+class Recipe(Frozen):
     """How a network is made.
 
     Parameters
@@ -80,7 +78,7 @@ class Recipe(_Frozen):
     least_zoom: float = Field(default=0.7, gt=0.1, le=1.0)
 
 
-class Epoch(_Frozen):
+class Epoch(Frozen):
     """A pass through the training scenes."""
 
     stage: int
@@ -94,7 +92,7 @@ class Epoch(_Frozen):
     """None where all judgments are the same."""
 
 
-class HeldOut(_Frozen):
+class HeldOut(Frozen):
     """How well the network does on scenes that had no part in its training."""
 
     scenes: int
@@ -106,7 +104,7 @@ class HeldOut(_Frozen):
     judgments: tuple[float, ...]
 
 
-class Card(_Frozen):
+class Card(Frozen):
     """Everything that made a network.
 
     Parameters
@@ -153,6 +151,13 @@ class Card(_Frozen):
     held_out: HeldOut | None
     made_with: dict[str, str]
     weights: str = ""
+
+    @field_validator("liquid")
+    @classmethod
+    def _known(cls, liquid: str) -> str:
+        if liquid not in liquid_names():
+            raise ValueError(unknown(liquid, liquid_names()))
+        return liquid
 
 
 def card_path(path: Path) -> Path:

@@ -43,10 +43,11 @@ class Observers:
     ----------
     count
         Number of observers.
-    heads
-        Liquid of the trials -> model in the head.
-    between
-        Each observer sees one liquid, in turn (Experiment 1); otherwise all.
+    models
+        Liquid of the trials -> model in the observers' heads.
+    groups
+        Liquids that each group sees; observers belong to the groups in turn. By default there is
+        one group, which sees all.
     population
         How they answer.
     spreads
@@ -62,8 +63,8 @@ class Observers:
     """
 
     count: int
-    heads: Mapping[str, str]
-    between: bool
+    models: Mapping[str, str]
+    groups: tuple[tuple[str, ...], ...] = ()
     population: Population = field(default_factory=Population)
     spreads: Mapping[str, float] = field(default_factory=lambda: dict(SPREADS))
     seed: int = 0
@@ -76,8 +77,16 @@ class Observers:
                 raise InputError(f"vary: {unknown(name, STEPS)}")
             if not 0.0 <= spread < 1e3:
                 raise InputError(f"vary: {name}: expected 0 or more, found {spread:g}")
-        for spec in self.heads.values():
+        for spec in self.models.values():
             make_model(spec)
+        missing = {liquid for group in self.groups for liquid in group} - set(self.models)
+        if missing:
+            raise InputError(f"observers: {missing.pop()}: no model for the trials of this liquid")
+
+    def seen_by(self, number: int) -> list[tuple[str, str]]:
+        """Liquids that an observer sees, and the model for each, before it is varied."""
+        groups = self.groups or (tuple(self.models),)
+        return [(liquid, self.models[liquid]) for liquid in groups[number % len(groups)]]
 
 
 def simulate_observers(scenes: Sequence[Scene], observers: Observers, judge: Judge) -> pd.DataFrame:
@@ -118,8 +127,7 @@ class _Person:
         rng = np.random.default_rng([observers.seed, number, _PARAMETERS])
         # One draw a parameter, whatever the liquids: who damps water much damps honey much.
         normal = {name: float(rng.standard_normal()) for name in STEPS}
-        heads = list(observers.heads.items())
-        seen = [heads[number % len(heads)]] if observers.between else heads
+        seen = observers.seen_by(number)
         return cls(
             number,
             tuple((liquid, _own_spec(spec, observers.spreads, normal)) for liquid, spec in seen),

@@ -2,23 +2,86 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pourcast.errors import InputError, unknown
 from pourcast.experiment.data.responses import RESPONSES
 from pourcast.observers.observers import Head, Observers, simulate_observers
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
+from pourcast.study.experiments.base import Experiment, observer_model
 from pourcast.sweep.judged import judge_in_study, sweep_words
 from pourcast.tables import write_table
 
-OBSERVERS = {"exp1": 65, "exp2": 21}
-"""Participants of the paper's experiments."""
+USUAL_OBSERVERS = 20
+"""How many observers judge scenes that belong to no experiment, unless it is said otherwise."""
 
-HEADS = {"water": "water-ife", "honey": "honey-ife-2"}
-"""What observers have in their heads unless it is said otherwise: the paper's best models."""
+
+def observers_of(
+    experiment: Experiment | None,
+    count: int | None = None,
+    models: Mapping[str, str] | None = None,
+    **options: Any,
+) -> Observers:
+    """Observers as many, and in such groups, as an experiment has participants.
+
+    Parameters
+    ----------
+    experiment
+        The experiment; without one, `USUAL_OBSERVERS` see water.
+    count
+        How many, if not as many as there.
+    models
+        Liquid -> model in their heads, where it isn't the experiment's.
+    **options
+        Other fields of `Observers`.
+    """
+    groups = (("water",),) if experiment is None else experiment.groups
+    usual = USUAL_OBSERVERS if experiment is None else experiment.participants
+    shown = dict.fromkeys(liquid for group in groups for liquid in group)
+    heads = {liquid: observer_model(experiment, liquid) for liquid in shown}
+    return Observers(
+        usual if count is None else count, heads | dict(models or {}), groups, **options
+    )
+
+
+def models_by_liquid(given: Sequence[str], experiment: Experiment | None) -> dict[str, str]:
+    """Models in observers' heads, from what a user said: ``NAME[:...]`` or ``LIQUID=NAME[:...]``.
+
+    Parameters
+    ----------
+    given
+        Each for a liquid's trials; without a liquid, for all that are not named.
+    experiment
+        Whose liquids are shown; without one, water.
+
+    Raises
+    ------
+    InputError
+        If a liquid is not shown, or two models are given for one.
+
+    Examples
+    --------
+    >>> models_by_liquid(["gravity"], None)
+    {'water': 'gravity'}
+    """
+    shown = ("water",) if experiment is None else experiment.shown_liquids
+    chosen: dict[str, str] = {}
+    for text in given:
+        liquid, equals, spec = text.partition("=")
+        if not equals or ":" in liquid:
+            liquid, spec = "", text
+        elif liquid not in shown:
+            raise InputError(f"model: {liquid}: {unknown(liquid, shown)}")
+        if liquid in chosen:
+            raise InputError(f"model: two models for {liquid or 'all'} trials")
+        chosen[liquid] = spec
+    for_all = chosen.pop("", None)
+    return chosen if for_all is None else dict.fromkeys(shown, for_all) | chosen
 
 
 def rehearse(
@@ -26,7 +89,7 @@ def rehearse(
     scenes: Sequence[Scene],
     observers: Observers,
     path: Path | None = None,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> Path:
     """Let simulated observers answer a study's scenes, and write their responses.
 
@@ -56,7 +119,7 @@ def rehearse(
 
 
 def observers_table(
-    study: Path, scenes: Sequence[Scene], observers: Observers, report: Report | None = None
+    study: Path, scenes: Sequence[Scene], observers: Observers, report: Report = no_report
 ) -> pd.DataFrame:
     """What simulated observers answer; their heads' judgments come through the study's store.
 

@@ -25,6 +25,8 @@ class DemoResult:
     """Judgments, a row a model, a column a scene."""
     files: dict[Path, str]
     """Files written, and what each shows."""
+    shares: dict[str, str]
+    """Scene -> what its judgments are."""
 
 
 def demo_scenes() -> list[Scene]:
@@ -70,4 +72,4 @@ def run_demo(folder: Path, report: Callable[[str, int, int], None]) -> DemoResul
         progress=lambda done, total: report(f"drawing {film.name}", done, total),
     )
     made[film] = "side by side: " + ", ".join(FILM_MODELS)
-    return DemoResult(wide, made)
+    return DemoResult(wide, made, {scene.id: scene.goal.share for scene in scenes})

@@ -18,13 +18,15 @@ from pourcast.comparison.planning import (
     power_table,
 )
 from pourcast.errors import InputError
-from pourcast.observers.responses import HEADS
 from pourcast.pictures.show import show
 from pourcast.progress import Report
 from pourcast.report.figures import design, fits, models, people, scenes
-from pourcast.scenes.scene import Scene
 from pourcast.statistics.correlation import mean_judgments
 from pourcast.statistics.observer import Population
+from pourcast.study.experiments.base import (
+    observer_model,
+    truth_of,
+)
 
 POWER_OBSERVERS = (5, 10, 20, 40)
 POWER_SCENES = (12, 30, 60, 120)
@@ -96,14 +98,9 @@ class Film:
     path: Path
 
 
-def experiment_of(found: tuple[Scene, ...]) -> str:
-    """``exp1`` for scenes with basins, ``exp2`` for those with a cup."""
-    return "exp1" if found[0].goal.kind == "basins" else "exp2"
-
-
 def figures(comparison: Comparison) -> Iterator[Shown]:
     """All figures of a comparison, in the order of the page."""
-    tables, experiment = comparison.tables, experiment_of(comparison.scenes)
+    tables, experiment = comparison.tables, comparison.experiment
 
     def drawn(name: str, section: str, figure: Figure, liquid: str = "", **more: Any) -> Shown:
         file = f"{name}_{liquid}" if liquid else name
@@ -183,7 +180,7 @@ def _zeta_recovery(
     one: Compared, comparison: Comparison, common: dict[str, Any]
 ) -> Iterator[Shown]:
     short = short_liquid(one.trials.liquid)
-    spec = HEADS[short]
+    spec = observer_model(comparison.experiment, short)
     there = comparison.judged.on(one.trials.scenes)
     try:
         values, judgments = along(there, one.trials.liquid, spec, "damping_zeta")
@@ -236,7 +233,8 @@ def _disagreements(
     each = -(-count // (2 * len(comparison.compared)))
     for one in comparison.compared:
         short, liquid = short_liquid(one.trials.liquid), one.trials.liquid
-        ife, truth = HEADS[short], f"truth-{short}"
+        experiment = comparison.experiment
+        ife, truth = observer_model(experiment, short), truth_of(experiment, short)
         if ife not in one.models or truth not in one.models:
             continue
         mean, right, imagined = (

@@ -16,13 +16,13 @@ from pourcast.comparison.agreement import short_liquid
 from pourcast.comparison.compare import TABLES, Comparison
 from pourcast.files import write_text
 from pourcast.pictures.style import save_figure
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.report import contents
-from pourcast.report.contents import Film, Shown, experiment_of
+from pourcast.report.contents import Film, Shown
 from pourcast.report.display import readable
 from pourcast.report.methods import methods, provenance
-from pourcast.report.published import with_people
 from pourcast.statistics.correlation import mean_judgments
+from pourcast.study.experiments.base import Experiment, published_with_people
 from pourcast.tables import write_table
 
 ONLY_IN_FILES = ("scores", "judgments", "participants")
@@ -54,7 +54,7 @@ def write_report(
     comparison: Comparison,
     folder: Path,
     options: Options | None = None,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> Path:
     """Write figures, tables and the page.
 
@@ -74,7 +74,7 @@ def write_report(
     Path
         The page.
     """
-    options, tell = options or Options(), report or _untold
+    options, tell = options or Options(), report
     figures = list(contents.figures(comparison))
     if options.studies:
         figures += contents.design_figures(comparison, options.studies, tell)
@@ -95,10 +95,6 @@ def write_report(
     return page
 
 
-def _untold(what: str, done: int, total: int) -> None:
-    """Nobody is told of the progress."""
-
-
 def _render(
     comparison: Comparison, figures: Sequence[Shown], films: Sequence[Film], folder: Path
 ) -> str:
@@ -108,7 +104,7 @@ def _render(
     )  # fmt: skip
     environment.filters["data_uri"] = data_uri
     script = files("pourcast.report").joinpath("templates", "explore.js").read_text("utf-8")
-    experiment = experiment_of(comparison.scenes)
+    experiment = comparison.experiment
     tables = {
         name: _as_shown(name, with_published(table, experiment) if name == "agreement" else table)
         for name, table in comparison.tables.items()
@@ -116,7 +112,7 @@ def _render(
     }
     return environment.get_template("report.html").render(
         comparison=comparison,
-        experiment=experiment,
+        experiment=experiment.name if experiment else "own scenes",
         tables=tables,
         figures=[
             (one, folder / "figures" / f"{one.name}{'.png' if one.raster else '.svg'}")
@@ -136,10 +132,10 @@ def data_uri(path: Path) -> str:
     return f"data:{_KINDS[path.suffix]};base64,{content}"
 
 
-def with_published(agreement: pd.DataFrame, experiment: str) -> pd.DataFrame:
+def with_published(agreement: pd.DataFrame, experiment: Experiment | None) -> pd.DataFrame:
     """The agreement table with the published correlations beside, as far as there are any."""
     known = [
-        with_people(experiment, short_liquid(liquid)).get(model)
+        published_with_people(experiment, short_liquid(liquid)).get(model)
         for liquid, model in zip(agreement["liquid"], agreement["model"], strict=True)
     ]
     if not any(known):

@@ -1,5 +1,6 @@
-"""The paper's experiments from nothing to a report beside the published values."""
+"""An experiment from nothing to a report beside the published values."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,25 +12,21 @@ from pourcast.errors import StoreError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.models.registry import complete_presets
 from pourcast.networks.training.pair import DEFAULT_SCENES as CONVNET_SCENES
-from pourcast.networks.training.pair import QUICK, default_recipe, train_networks
+from pourcast.networks.training.pair import QUICK, default_recipe, network_spec, train_networks
 from pourcast.networks.training.pair import Request as NetworkRequest
-from pourcast.observers.observers import Observers
-from pourcast.observers.responses import HEADS, OBSERVERS, rehearse
-from pourcast.progress import Report
+from pourcast.observers.responses import observers_of, rehearse
+from pourcast.progress import Report, no_report
 from pourcast.report.page import Options, write_report
 from pourcast.scenes.scene import Scene
-from pourcast.study.folder import DEFAULT_SCENES, SceneRequest, open_study
+from pourcast.study.experiments.registry import EXPERIMENTS
+from pourcast.study.folder import SceneRequest, open_study
 from pourcast.study.responses import Trials, arrange, exclude
-from pourcast.sweep.grid import Grid, parse_grid, read_grid
+from pourcast.sweep.grid import Grid, experiment_grid, parse_grid, read_grid
 from pourcast.sweep.judged import read_judged, sweep_in_study, sweep_words
 from pourcast.sweep.table import write_judgments
 
 QUICK_SCENES = 24
-QUICK_CANDIDATES = 200
 QUICK_CONVNET_SCENES = 500
-CANDIDATES = 1000
-
-GRIDS = {"exp1": "paper-exp1", "exp2": "paper-exp2"}
 QUICK_GRID = "quick"
 
 
@@ -39,7 +36,7 @@ title = "viscosity at N = {count}"
 
 [[models]]
 model = "ife"
-liquids = ["water", "honey"]
+liquids = {liquids}
 parameters.liquid = "water"
 parameters.n_particles = {count}
 parameters.viscosity_alpha = [0.2, 2]
@@ -56,7 +53,7 @@ class Reproduction:
     Parameters
     ----------
     experiment
-        ``exp1`` or ``exp2``.
+        Name of the experiment.
     quick
         24 scenes and a small grid, a first look.
     seed
@@ -96,13 +93,12 @@ class Reproduction:
     @property
     def request(self) -> SceneRequest:
         """The scenes."""
-        count = QUICK_SCENES if self.quick else DEFAULT_SCENES[self.experiment]
-        candidates = QUICK_CANDIDATES if self.quick else CANDIDATES
-        return SceneRequest(self.experiment, self.scenes or count, self.seed, candidates)
+        count = self.scenes or (QUICK_SCENES if self.quick else None)
+        return SceneRequest(self.experiment, count, self.seed, quick=self.quick)
 
 
 def reproduce(
-    folder: Path, wanted: Reproduction, workers: int | None = None, report: Report | None = None
+    folder: Path, wanted: Reproduction, workers: int | None = None, report: Report = no_report
 ) -> tuple[Comparison, Path]:
     """Scenes, simulations, observers, comparison, report; goes on where it was stopped.
 
@@ -127,37 +123,35 @@ def reproduce(
     if wanted.responses is not None:
         _trials(folder, wanted, wanted.responses, scenes)  # Bad input is told before long work.
     networks = _networks(folder, wanted, workers, report)
-    grid = read_grid(QUICK_GRID if wanted.quick else GRIDS[wanted.experiment])
+    experiment = EXPERIMENTS.get(wanted.experiment)
+    grid = read_grid(QUICK_GRID) if wanted.quick else experiment_grid(experiment)
     _sweep(folder, scenes, grid, workers, report)
     responses = wanted.responses
     if responses is None:
-        observers = Observers(
-            OBSERVERS[wanted.experiment], HEADS, between=wanted.experiment == "exp1",
-            seed=wanted.seed,
-        )  # fmt: skip
+        observers = observers_of(experiment, seed=wanted.seed)
         responses = rehearse(folder, scenes, observers, report=report)
     request = Request(
-        responses=responses, models=(*complete_presets(), *networks), percent=wanted.percent,
-        exclude=wanted.exclude, settings=Settings(seed=wanted.seed), carried=carried,
+        responses=responses, models=(*(experiment.models or complete_presets()), *networks),
+        percent=wanted.percent, exclude=wanted.exclude, settings=Settings(seed=wanted.seed),
+        carried=carried,
     )  # fmt: skip
     trials = _trials(folder, wanted, responses, scenes)
     count = count_without_alphas(candidates(read_judged(folder, scenes), trials))
     if count is not None:
-        text = ALPHA_GRID.format(count=count)
+        liquids = json.dumps(experiment.shown_liquids)
+        text = ALPHA_GRID.format(count=count, liquids=liquids)
         _sweep(folder, scenes, parse_grid(text, f"alpha-{count}", "alpha"), workers, report)
     comparison = compare_study(folder, request, report)
     page = write_report(comparison, folder / "report", Options(), report)
     return comparison, page
 
 
-def _networks(
-    folder: Path, wanted: Reproduction, workers: int | None, report: Report | None
-) -> list[str]:
+def _networks(folder: Path, wanted: Reproduction, workers: int | None, report: Report) -> list[str]:
     """Specs of the networks, which are trained if they are not there yet."""
     if not wanted.with_convnet:
         return []
     made = train_networks(folder / "convnet", wanted.networks, workers=workers, report=report)
-    return [f"{path.stem}-convnet:weights={path}" for path in made]
+    return [network_spec(path.stem, path) for path in made]
 
 
 def _trials(
@@ -168,7 +162,7 @@ def _trials(
 
 
 def _sweep(
-    folder: Path, scenes: Sequence[Scene], grid: Grid, workers: int | None, report: Report | None
+    folder: Path, scenes: Sequence[Scene], grid: Grid, workers: int | None, report: Report
 ) -> None:
     """Run a grid in the study, and write its judgments."""
     tell = sweep_words(report, "simulating")

@@ -3,27 +3,30 @@
 `practice.json` holds those that participants practise with, and no model is compared on.
 """
 
-from dataclasses import dataclass
+import tomllib
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field, ValidationError
 
-from pourcast.errors import InputError
+from pourcast.errors import InputError, one_line
 from pourcast.files import check_empty, write_text
-from pourcast.progress import Report
-from pourcast.scenes.families.shapes import ShapesFamily
-from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.frozen import Frozen
+from pourcast.progress import Report, no_report
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import known_liquids, liquid_from
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes, write_scenes
-from pourcast.study.selection import Selection, contrasting_scenes, filtered_scenes
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.experiments.registry import EXPERIMENTS, experiment_like
+from pourcast.study.selection import SceneChoice, Selection, filtered_scenes
 
-EXPERIMENTS = ("exp1", "exp2")
+STUDY_FILE = "study.toml"
 
 DATABASE = "responses.sqlite"
 """The responses of the study's experiment, unless a PostgreSQL server has them."""
-
-DEFAULT_SCENES = {"exp1": 120, "exp2": 60}
-"""The paper's set sizes."""
 
 _PRACTICE = 1
 """Apart from the scenes' own random numbers, whose seed is not a list."""
@@ -31,32 +34,101 @@ _PRACTICE = 1
 
 @dataclass(frozen=True)
 class SceneRequest:
-    """What scenes are wanted: experiment, number, seed, and size of Experiment 2's pool.
+    """Which scenes a study is to have.
 
-    `practice` is how many more are for practice.
+    Parameters
+    ----------
+    experiment
+        Name of the experiment.
+    count
+        Scenes to be judged; the experiment's number by default.
+    seed
+        Source of all randomness.
+    candidates
+        Size of the pool that they are chosen from, if they are; the experiment's by default.
+    practice
+        Scenes for practice.
+    quick
+        A cheaper choice among draws, for a first look.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range, or there is no such experiment.
     """
 
     experiment: str
-    count: int
-    seed: int
-    candidates: int
+    count: int | None = None
+    seed: int = 0
+    candidates: int | None = None
     practice: int = 0
+    quick: bool = False
 
     def __post_init__(self) -> None:
-        if self.experiment not in EXPERIMENTS:
-            raise InputError(
-                f"experiment: expected {' or '.join(EXPERIMENTS)}, found {self.experiment!r}"
-            )
-        if self.count < 1:
-            raise InputError(f"scenes: expected at least 1, found {self.count}")
+        EXPERIMENTS.get(self.experiment)
+        if self.scene_count < 1:
+            raise InputError(f"scenes: expected at least 1, found {self.scene_count}")
         if self.seed < 0:
             raise InputError(f"seed: expected 0 or more, found {self.seed}")
         if self.practice < 0:
             raise InputError(f"practice: expected 0 or more, found {self.practice}")
+        if self.candidates is not None and not hasattr(self.choice, "candidates"):
+            raise InputError(
+                f"candidates: the scenes of {self.experiment} are not chosen from a pool"
+            )
+
+    @property
+    def scene_count(self) -> int:
+        """Scenes to be judged."""
+        return self._experiment.scene_count if self.count is None else self.count
+
+    @property
+    def choice(self) -> SceneChoice:
+        """How they are chosen."""
+        choice = self._experiment.choice.quick() if self.quick else self._experiment.choice
+        if self.candidates is None or not hasattr(choice, "candidates"):
+            return choice
+        pool: Any = choice
+        smaller: SceneChoice = replace(pool, candidates=self.candidates)
+        return smaller
+
+    @property
+    def _experiment(self) -> Experiment:
+        return EXPERIMENTS.get(self.experiment)
 
 
-def generate_scenes(request: SceneRequest, report: Report | None = None) -> Selection:
-    """Draw, filter and (Experiment 2) choose scenes.
+class _Generated(Frozen):
+    """How a study's scenes were made."""
+
+    count: int
+    seed: int
+    candidates: int | None = None
+    practice: int = 0
+
+
+class StudyFile(Frozen):
+    """What `study.toml` says.
+
+    Parameters
+    ----------
+    experiment
+        The experiment that the study was made from; none for scenes of one's own.
+    scenes
+        File of the scenes.
+    generated
+        How they were made, if they were.
+    liquids
+        Name -> fields of `pourcast.Liquid`: liquids that only this study has.
+    """
+
+    experiment: str | None = None
+    scenes: Literal["scenes.json"] = "scenes.json"
+    generated: _Generated | None = None
+    liquids: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+
+def generate_scenes(request: SceneRequest, report: Report = no_report) -> Selection:
+    """Draw, filter and choose scenes, as the experiment says.
 
     Parameters
     ----------
@@ -65,22 +137,19 @@ def generate_scenes(request: SceneRequest, report: Report | None = None) -> Sele
     report
         Told of the progress.
     """
-    if request.experiment == "exp1":
-        return filtered_scenes(VoronoiFamily(), request.count, request.seed, report=report)
-    return contrasting_scenes(
-        ShapesFamily(), request.count, request.seed, candidates=request.candidates, report=report
-    )
+    family = EXPERIMENTS.get(request.experiment).family
+    return request.choice.choose(family, request.scene_count, request.seed, report)
 
 
 def generate_practice(
-    experiment: str, count: int, seed: int, report: Report | None = None
+    experiment: Experiment, count: int, seed: int, report: Report = no_report
 ) -> list[Scene]:
     """Draw and filter scenes to practise with, unlike those of the same seed to be judged.
 
     Parameters
     ----------
     experiment
-        One of `EXPERIMENTS`.
+        Whose family and practice filter are used.
     count
         How many.
     seed
@@ -88,13 +157,13 @@ def generate_practice(
     report
         Told of the progress.
     """
-    family = VoronoiFamily() if experiment == "exp1" else ShapesFamily()
     own = int(np.random.SeedSequence([seed, _PRACTICE]).generate_state(1)[0])
-    chosen = filtered_scenes(family, count, own, report=report).scenes
+    rule = experiment.practice_filter
+    chosen = filtered_scenes(experiment.family, count, own, rule=rule, report=report).scenes
     return [scene.model_copy(update={"id": f"practice-{scene.id}"}) for scene in chosen]
 
 
-def new_study(folder: Path, request: SceneRequest, report: Report | None = None) -> Selection:
+def new_study(folder: Path, request: SceneRequest, report: Report = no_report) -> Selection:
     """Make a study folder with fresh scenes.
 
     Parameters
@@ -112,16 +181,17 @@ def new_study(folder: Path, request: SceneRequest, report: Report | None = None)
         If the folder holds something already, or can't be written.
     """
     check_empty(folder)
-    write_text(folder / "study.toml", _study_toml(request))
+    write_text(folder / STUDY_FILE, _study_toml(request))
     selection = generate_scenes(request, report)
     write_scenes(folder / "scenes.json", selection.scenes)
     if request.practice:
-        practice = generate_practice(request.experiment, request.practice, request.seed, report)
+        experiment = EXPERIMENTS.get(request.experiment)
+        practice = generate_practice(experiment, request.practice, request.seed, report)
         write_scenes(folder / "practice.json", practice)
     return selection
 
 
-def open_study(folder: Path, request: SceneRequest, report: Report | None = None) -> list[Scene]:
+def open_study(folder: Path, request: SceneRequest, report: Report = no_report) -> list[Scene]:
     """Scenes of a study that was made by the same request, or of a fresh one.
 
     Parameters
@@ -138,11 +208,15 @@ def open_study(folder: Path, request: SceneRequest, report: Report | None = None
     InputError
         If the folder holds anything else, or can't be written.
     """
-    told = folder / "study.toml"
-    if not told.is_file():
+    path = folder / STUDY_FILE
+    if not path.is_file():
         return new_study(folder, request, report).scenes
-    if told.read_text(encoding="utf-8") != _study_toml(request):
-        raise InputError(f"{told}: the study was made with other settings; choose another folder")
+    said, wanted = read_study_file(folder), tomllib.loads(_study_toml(request))
+    if (said.experiment, said.generated) != (
+        wanted["experiment"],
+        _Generated(**wanted["generated"]),
+    ):
+        raise InputError(f"{path}: the study was made with other settings; choose another folder")
     if not (folder / "scenes.json").is_file():
         write_scenes(folder / "scenes.json", generate_scenes(request, report).scenes)
     return read_scenes(folder / "scenes.json")
@@ -155,14 +229,89 @@ def _study_toml(request: SceneRequest) -> str:
         'scenes = "scenes.json"',
         "",
         "[generated]",
-        f"count = {request.count}",
+        f"count = {request.scene_count}",
         f"seed = {request.seed}",
     ]
-    if request.experiment == "exp2":
-        lines.append(f"candidates = {request.candidates}")
+    candidates = getattr(request.choice, "candidates", None)
+    if candidates is not None:
+        lines.append(f"candidates = {candidates}")
     if request.practice:
         lines.append(f"practice = {request.practice}")
     return "\n".join(lines) + "\n"
+
+
+def read_study_file(folder: Path) -> StudyFile:
+    """What a study's `study.toml` says; nothing if there is none.
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the field and what was expected.
+    """
+    path = folder / STUDY_FILE
+    if not path.is_file():
+        return StudyFile()
+    try:
+        return StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not TOML ({error})") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {one_line(error)}") from None
+
+
+def study_experiment(folder: Path, scenes: list[Scene]) -> Experiment | None:
+    """The experiment that a study was made from.
+
+    Parameters
+    ----------
+    folder
+        The study folder.
+    scenes
+        Its scenes. If `study.toml` names no experiment, the first one with their goal is taken;
+        None if there is none.
+
+    Raises
+    ------
+    InputError
+        If `study.toml` is wrong, or names an experiment that is not there.
+    """
+    name = read_study_file(folder).experiment
+    if name is None:
+        return experiment_like(scenes)
+    try:
+        return EXPERIMENTS.get(name)
+    except InputError as error:
+        raise InputError(f"{folder / STUDY_FILE}: {error}") from None
+
+
+def study_liquids(path: Path) -> tuple[Liquid, ...]:
+    """Liquids that only a study has, from the tables ``[liquids.<name>]`` of its `study.toml`.
+
+    Parameters
+    ----------
+    path
+        The study folder; a scene file has none.
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the liquid, the field and what was expected.
+    """
+    if not path.is_dir():
+        return ()
+    file, liquids = path / STUDY_FILE, []
+    for name, table in read_study_file(path).liquids.items():
+        source = f"{file}: liquids.{name}"
+        for field in {"called", "goals"} & set(table):
+            raise InputError(f"{source}: {field}: a study's own liquid goes by its name alone")
+        liquids.append(liquid_from(name, table, source))
+    try:
+        known_liquids(liquids)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    return tuple(liquids)
 
 
 def load_scenes(path: Path) -> list[Scene]:

@@ -1,12 +1,14 @@
 """Choosing among drawn scenes by simulating them.
 
 `filtered_scenes` drops scenes in which the liquid stays caught or hardly meets
-an obstacle (Bates et al., Experiment 1). `contrasting_scenes` chooses scenes
-on which the models of water and of honey disagree (Experiment 2).
+an obstacle (Bates et al., Experiment 1). A `SceneChoice` is what an experiment
+says of it: `FilteredScenes`, or `ContrastingScenes` on which two models disagree
+(Experiment 2).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -14,9 +16,9 @@ from numpy.typing import NDArray
 
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
-from pourcast.scenes.liquids.registry import HONEY_EXP2, WATER
+from pourcast.scenes.liquids.registry import WATER, resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
@@ -84,8 +86,10 @@ class Selection:
     """Scenes that were drawn in all."""
     kept: int
     """How many of these passed the filter."""
+    correlated: tuple[str, ...] = ()
+    """Models whose disagreement chose the scenes."""
     correlation: float | None = None
-    """Correlation of the water and honey judgments over the chosen scenes, if chosen by it."""
+    """Correlation of their judgments over the chosen scenes."""
     pool_correlation: float | None = None
     """The same over all candidates, by the cheap screen."""
 
@@ -102,7 +106,7 @@ def filtered_scenes(
     seed: int,
     *,
     rule: CoarseFilter | None = None,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> Selection:
     """First `count` scenes of a family that pass the filter.
 
@@ -139,8 +143,7 @@ def filtered_scenes(
         passed = [s for s, keep in zip(scenes, rule.keeps(scenes), strict=True) if keep]
         kept += len(passed)
         chosen += passed
-        if report is not None:
-            report(f"{kept} of {drawn} draws kept", min(len(chosen), count), count)
+        report(f"{kept} of {drawn} draws kept", min(len(chosen), count), count)
         if drawn >= _PATIENCE and kept < _MIN_ACCEPTANCE * drawn:
             raise InputError(f"only {kept} of {drawn} drawn {family.name} scenes pass the filter")
     return Selection(_numbered(chosen[:count], family.name), drawn, kept)
@@ -154,87 +157,129 @@ def _numbered(scenes: Sequence[Scene], name: str) -> list[Scene]:
     ]
 
 
-def contrasting_scenes(
-    family: SceneFamily,
-    count: int,
-    seed: int,
-    *,
-    candidates: int = 1000,
-    confirm_factor: float = 2.5,
-    rule: CoarseFilter | None = None,
-    report: Report | None = None,
-) -> Selection:
-    """Scenes on which the water IFE and the honey IFE (Model 1) disagree, both ways.
+class SceneChoice(ABC):
+    """How an experiment's scenes are chosen: a frozen dataclass with a method `choose`."""
 
-    A large pool of filtered candidates is screened with one deterministic run
-    a liquid; the most promising are judged by the uncertain IFEs; of these,
-    half of the scenes chosen have more water than honey in the cup, half more
-    honey than water (`choose_contrast`).
+    @property
+    @abstractmethod
+    def rule(self) -> CoarseFilter:
+        """Which draws are considered at all; networks learn from those, too."""
+
+    @abstractmethod
+    def choose(
+        self, family: SceneFamily, count: int, seed: int, report: Report = no_report
+    ) -> Selection:
+        """Choose scenes.
+
+        Parameters
+        ----------
+        family
+            What is drawn.
+        count
+            How many scenes are wanted.
+        seed
+            Source of all randomness.
+        report
+            Told of the progress.
+
+        Returns
+        -------
+        Selection
+            The scenes, numbered from 1 in their ids.
+
+        Raises
+        ------
+        InputError
+            If there are not so many.
+        """
+
+    def quick(self) -> "SceneChoice":
+        """A cheaper choice, for a first look."""
+        return self
+
+
+@dataclass(frozen=True)
+class FilteredScenes(SceneChoice):
+    """The first draws that pass a filter."""
+
+    rule: CoarseFilter = CoarseFilter()
+
+    def choose(
+        self, family: SceneFamily, count: int, seed: int, report: Report = no_report
+    ) -> Selection:
+        """See `filtered_scenes`."""
+        return filtered_scenes(family, count, seed, rule=self.rule, report=report)
+
+
+@dataclass(frozen=True)
+class ContrastingScenes(SceneChoice):
+    """Scenes on which two models disagree, both ways (Bates et al., Experiment 2).
+
+    A large pool of filtered candidates is screened with one deterministic run a liquid; the
+    most promising are judged by the models; of these, half of the scenes chosen have a larger
+    judgment by the first, half by the second (`choose_contrast`).
 
     Parameters
     ----------
-    family
-        What is drawn.
-    count
-        How many scenes are wanted.
-    seed
-        Source of all randomness.
+    rule
+        The filter.
     candidates
         Size of the pool.
+    models
+        Two models whose judgments are to disagree: the paper's uncertain IFEs.
+    screens
+        Names of the liquids of the cheap runs.
     confirm_factor
-        How many times `count` scenes go from the screen to the confirmation.
-    rule
-        The filter; `CONTRAST_FILTER` by default.
-    report
-        Told of the progress.
-
-    Returns
-    -------
-    Selection
-        The scenes, numbered from 1 in their ids, and the correlation reached.
-
-    Raises
-    ------
-    InputError
-        If the pool is smaller than the set.
+        How many times the scenes wanted go from the screen to the models.
     """
-    if candidates < count:
-        raise InputError(f"candidates: expected at least {count} (the scenes wanted)")
-    rule = rule or CONTRAST_FILTER
-    pool = filtered_scenes(family, candidates, seed, rule=rule, report=report)
-    liquids = (WATER, HONEY_EXP2)
-    screened = np.array([_screen(pool.scenes, liquid, rule, report) for liquid in liquids])
-    water, honey = screened
-    promising = choose_contrast(water, honey, min(round(confirm_factor * count), candidates))
-    scenes = [pool.scenes[k] for k in promising]
-    confirmed = np.array([_confirm(scenes, name, report) for name in ("water-ife", "honey-ife-1")])
-    water, honey = confirmed
-    chosen = choose_contrast(water, honey, count)
-    order = np.random.default_rng(seed).permutation(chosen)
-    return Selection(
-        _numbered([scenes[k] for k in order], family.name),
-        pool.drawn,
-        pool.kept,
-        correlation=float(np.corrcoef(confirmed[:, chosen])[0, 1]),
-        pool_correlation=float(np.corrcoef(screened)[0, 1]),
-    )
+
+    rule: CoarseFilter = CONTRAST_FILTER
+    candidates: int = 1000
+    models: tuple[str, str] = ("water-ife", "honey-ife-1")
+    screens: tuple[str, str] = ("water", "honey-exp2")
+    confirm_factor: float = 2.5
+
+    def quick(self) -> SceneChoice:
+        """A pool of 200."""
+        return replace(self, candidates=min(self.candidates, 200))
+
+    def choose(
+        self, family: SceneFamily, count: int, seed: int, report: Report = no_report
+    ) -> Selection:
+        """See `SceneChoice.choose`; tells the correlation that was reached, too."""
+        if self.candidates < count:
+            raise InputError(f"candidates: expected at least {count} (the scenes wanted)")
+        pool = filtered_scenes(family, self.candidates, seed, rule=self.rule, report=report)
+        liquids = [resolve_liquid(name, pool.scenes[0]) for name in self.screens]
+        screened = np.array([_screen(pool.scenes, one, self.rule, report) for one in liquids])
+        wanted = min(round(self.confirm_factor * count), self.candidates)
+        scenes = [pool.scenes[k] for k in choose_contrast(screened[0], screened[1], wanted)]
+        confirmed = np.array([_confirm(scenes, name, report) for name in self.models])
+        chosen = choose_contrast(confirmed[0], confirmed[1], count)
+        order = np.random.default_rng(seed).permutation(chosen)
+        return Selection(
+            _numbered([scenes[k] for k in order], family.name),
+            pool.drawn,
+            pool.kept,
+            correlated=self.models,
+            correlation=float(np.corrcoef(confirmed[:, chosen])[0, 1]),
+            pool_correlation=float(np.corrcoef(screened)[0, 1]),
+        )
 
 
 def _screen(
-    scenes: Sequence[Scene], liquid: Liquid, rule: CoarseFilter, report: Report | None
+    scenes: Sequence[Scene], liquid: Liquid, rule: CoarseFilter, report: Report
 ) -> list[float]:
     def progress(done: int, total: int) -> None:
-        if report is not None:
-            report(f"screening with {liquid.name}", done, total)
+        report(f"screening with {liquid.name}", done, total)
 
     pours = [Pour(scene, liquid, rule.n_particles, rule.damping_zeta) for scene in scenes]
     return [outcome.judgment for outcome in simulate(pours, progress=progress)]
 
 
-def _confirm(scenes: Sequence[Scene], name: str, report: Report | None) -> NDArray[np.float64]:
+def _confirm(scenes: Sequence[Scene], name: str, report: Report) -> NDArray[np.float64]:
     def progress(done: int, total: int) -> None:
-        if report is not None:
-            report(f"confirming with {name}", done, total)
+        report(f"confirming with {name}", done, total)
 
     return make_model(name).judge(scenes, WATER, progress=progress)
 

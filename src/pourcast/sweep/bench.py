@@ -12,14 +12,14 @@ from pourcast.engine.batch import Job, Stepping, available_cores, run_batch
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.engine.solids import Solids, pack_solids
 from pourcast.progress import Report
-from pourcast.scenes.families.shapes import ShapesFamily
-from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.settings import EngineSettings, Kind
-from pourcast.study.selection import drawn_scene, filtered_scenes
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.experiments.registry import EXPERIMENTS
+from pourcast.study.selection import filtered_scenes
 from pourcast.sweep.estimate import in_words, measure, parts_of
-from pourcast.sweep.grid import read_grid
+from pourcast.sweep.grid import experiment_grid
 from pourcast.sweep.plan import make_plan
 
 COUNTS = (25, 50, 75, 100, 200)
@@ -147,8 +147,8 @@ def speed_table(counts: Sequence[int] = COUNTS, report: Report | None = None) ->
 
 # The paper's grid --------------------------------------------------------------------
 
-PAPER_GRIDS = {"paper-exp1": 120, "paper-exp2": 60}
-"""The grids of the paper, and the scenes of each experiment."""
+PAPER = ("exp1", "exp2")
+"""The paper's experiments, whose grids are measured."""
 
 
 def plan_table(share: float = 0.05, seed: int = 0, report: Report | None = None) -> pd.DataFrame:
@@ -170,8 +170,9 @@ def plan_table(share: float = 0.05, seed: int = 0, report: Report | None = None)
     """
     rng = np.random.default_rng(seed)
     rows = []
-    for name, scene_count in PAPER_GRIDS.items():
-        plan = make_plan(read_grid(name), _grid_scenes(name, scene_count, seed))
+    for experiment in map(EXPERIMENTS.get, PAPER):
+        grid = experiment_grid(experiment)
+        name, plan = grid.name, make_plan(grid, _grid_scenes(experiment, seed))
         parts = parts_of(plan, plan.shards)
         for done, part in enumerate(parts):
             label = f"{name}: {in_words(part.group)}"
@@ -186,9 +187,7 @@ def plan_table(share: float = 0.05, seed: int = 0, report: Report | None = None)
     return pd.DataFrame(rows).set_index("part")
 
 
-def _grid_scenes(name: str, count: int, seed: int) -> list[Scene]:
-    """Scenes of Experiment 1 as the paper has them; of Experiment 2 any, which cost the same."""
-    if name == "paper-exp1":
-        return filtered_scenes(VoronoiFamily(), count, seed).scenes
-    draws = (drawn_scene(ShapesFamily(), seed, k) for k in range(10 * count))
-    return [scene for scene in draws if scene is not None][:count]
+def _grid_scenes(experiment: Experiment, seed: int) -> list[Scene]:
+    """As many scenes as the experiment has; without its choice among them, which costs the same."""
+    count, family = experiment.scene_count, experiment.family
+    return filtered_scenes(family, count, seed, rule=experiment.choice.rule).scenes

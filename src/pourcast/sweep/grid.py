@@ -6,7 +6,7 @@ A grid is a TOML file; the paper's and a quick one lie in `sweep/grids`.
 import itertools
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -18,7 +18,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pourcast.errors import InputError, one_line, unknown
 from pourcast.models.base import Model
 from pourcast.models.registry import build_model, parse_parameter, presets
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import liquid_names
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.experiments.registry import EXPERIMENTS
 
 MAX_MODELS = 1_000_000
 """Most combinations of parameters that a grid may ask for."""
@@ -76,9 +79,10 @@ class GridModels(BaseModel):
         """Values of every parameter that is given."""
         return {name: _values(given) for name, given in self.parameters.items()}
 
-    def first(self) -> Model:
+    def first(self, own: Sequence[Liquid] = ()) -> Model:
         """The model with the first value of every parameter that is given."""
-        return build_model(self.model, {k: str(values[0]) for k, values in self.axes().items()})
+        first = {k: str(values[0]) for k, values in self.axes().items()}
+        return build_model(self.model, first, own)
 
 
 def _values(given: Range | Value | list[Value]) -> list[Value]:
@@ -125,18 +129,21 @@ class Grid:
         The text of the file.
     content
         What it says.
+    own
+        The study's own liquids.
     """
 
     name: str
     text: str
     content: GridFile
+    own: tuple[Liquid, ...] = ()
 
     def asked(self) -> Iterator[Asked]:
         """All models, in the order of the file; later parameters vary fastest."""
         for entry in self.content.models:
-            base, axes = entry.first(), entry.axes()
+            base, axes = entry.first(self.own), entry.axes()
             family = presets().get(entry.model, {}).get("model", entry.model)
-            parsed = [_parsed(entry.model, base, key, values) for key, values in axes.items()]
+            parsed = [_parsed(entry.model, base, k, values, self.own) for k, values in axes.items()]
             for combination in itertools.product(*parsed):
                 model = replace(base, **dict(zip(axes, combination, strict=True)))
                 for liquid, seed in itertools.product(entry.liquids, entry.seeds):
@@ -147,11 +154,15 @@ class Grid:
         if self.content.trajectories:
             return self
         text = f"trajectories = true\n{self.text}"
-        return Grid(self.name, text, self.content.model_copy(update={"trajectories": True}))
+        return Grid(
+            self.name, text, self.content.model_copy(update={"trajectories": True}), self.own
+        )
 
 
-def _parsed(name: str, base: Model, key: str, values: list[Value]) -> list[Any]:
-    return [parse_parameter(name, type(base), key, str(value)) for value in values]
+def _parsed(
+    name: str, base: Model, key: str, values: list[Value], own: Sequence[Liquid]
+) -> list[Any]:
+    return [parse_parameter(name, type(base), key, str(value), own) for value in values]
 
 
 def grid_names() -> list[str]:
@@ -160,13 +171,15 @@ def grid_names() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in entries if name.endswith(".toml"))
 
 
-def read_grid(name_or_path: str) -> Grid:
+def read_grid(name_or_path: str, own: Sequence[Liquid] = ()) -> Grid:
     """Read a grid, and check every model and value in it.
 
     Parameters
     ----------
     name_or_path
-        A TOML file, or the name of a grid that comes with pourcast.
+        A TOML file, the name of a grid that comes with pourcast, or of an experiment.
+    own
+        The study's own liquids, which it can name.
 
     Raises
     ------
@@ -180,19 +193,30 @@ def read_grid(name_or_path: str) -> Grid:
     """
     if name_or_path in grid_names():
         resource = files("pourcast.sweep").joinpath("grids", f"{name_or_path}.toml")
-        return parse_grid(resource.read_text(encoding="utf-8"), name_or_path, name_or_path)
+        return parse_grid(resource.read_text(encoding="utf-8"), name_or_path, name_or_path, own)
     path = Path(name_or_path)
+    if name_or_path in EXPERIMENTS.names() and not path.exists():
+        return experiment_grid(EXPERIMENTS.get(name_or_path), own)
     if path.suffix != ".toml" and not path.exists():
-        raise InputError(f"grid: {unknown(name_or_path, grid_names())}, or a .toml file")
+        known = [*grid_names(), *EXPERIMENTS.names()]
+        raise InputError(f"grid: {unknown(name_or_path, known)}, or a .toml file")
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({reason})") from None
-    return parse_grid(text, path.stem, str(path))
+    return parse_grid(text, path.stem, str(path), own)
 
 
-def parse_grid(text: str, name: str, source: str) -> Grid:
+def experiment_grid(experiment: Experiment, own: Sequence[Liquid] = ()) -> Grid:
+    """What a whole reproduction of an experiment sweeps; see `read_grid`."""
+    if isinstance(experiment.grid, str):
+        return read_grid(experiment.grid, own)
+    name = experiment.grid.name.removesuffix(".toml")
+    return parse_grid(experiment.grid.read_text(encoding="utf-8"), name, name, own)
+
+
+def parse_grid(text: str, name: str, source: str, own: Sequence[Liquid] = ()) -> Grid:
     """Grid from the text of its file; see `read_grid`.
 
     Parameters
@@ -203,6 +227,8 @@ def parse_grid(text: str, name: str, source: str) -> Grid:
         Name of the grid.
     source
         Name of the file, for error messages.
+    own
+        The study's own liquids.
     """
     try:
         content = GridFile.model_validate(tomllib.loads(text))
@@ -212,24 +238,24 @@ def parse_grid(text: str, name: str, source: str) -> Grid:
         raise InputError(f"{source}: {one_line(error)}") from None
     for place, entry in enumerate(content.models):
         try:
-            _check(entry)
+            _check(entry, own)
         except InputError as error:
             raise InputError(f"{source}: models[{place}]: {error}") from None
-    return Grid(name, text, content)
+    return Grid(name, text, content, tuple(own))
 
 
-def _check(entry: GridModels) -> None:
+def _check(entry: GridModels, own: Sequence[Liquid]) -> None:
     """Build a model with each single value; ranges of parameters don't depend on one another."""
     for liquid in entry.liquids:
-        if liquid not in liquid_names():
-            raise InputError(f"liquids: {unknown(liquid, liquid_names())}")
+        if liquid not in liquid_names(own):
+            raise InputError(f"liquids: {unknown(liquid, liquid_names(own))}")
     axes = entry.axes()
     for key, values in axes.items():
         if not values:
             raise InputError(f"parameters.{key}: the list is empty, expected at least one value")
-    base = entry.first()
+    base = entry.first(own)
     for key, values in axes.items():
-        for value in _parsed(entry.model, base, key, values):
+        for value in _parsed(entry.model, base, key, values, own):
             replace(base, **{key: value})
     size = math.prod(len(values) for values in axes.values())
     size *= len(entry.liquids) * len(entry.seeds)

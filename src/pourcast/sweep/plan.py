@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.models.base import SimulationModel
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.run import engine_version
@@ -274,7 +275,7 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
     wanted: list[tuple[Asked, str, list[Setting], tuple[int, int]]] = []
     for asked in grid.asked():
         for part in parts:
-            needed, liquid = _needed(asked, ordered[part[0]])
+            needed, liquid = _needed(asked, ordered[part[0]], grid.own)
             for setting in needed:
                 places.setdefault(setting, set()).add(part)
             wanted.append((asked, liquid, needed, part))
@@ -292,9 +293,9 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
     return Plan(grid, tuple(scenes), tuple(ordered), settings, tuple(rows), tuple(answers))
 
 
-def _needed(asked: Asked, scene: Scene) -> tuple[list[Setting], str]:
+def _needed(asked: Asked, scene: Scene, own: Sequence[Liquid]) -> tuple[list[Setting], str]:
     """Settings of a model for scenes like this one, and the trial's liquid."""
-    liquid, model = resolve_liquid(asked.liquid, scene), asked.model
+    liquid, model = resolve_liquid(asked.liquid, scene, own), asked.model
     if isinstance(model, SimulationModel) and model.same_pours_everywhere:
         return [PourSetting.of(pour) for pour in model.pours(scene, liquid)], liquid.name
     return [JudgeSetting(asked.family, model, liquid, asked.seed)], liquid.name

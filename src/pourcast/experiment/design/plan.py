@@ -12,13 +12,20 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from pourcast.errors import InputError
-from pourcast.experiment.design.settings import NAME, Design, default_design, read_design
+from pourcast.experiment.design.settings import (
+    NAME,
+    Design,
+    default_design,
+    parse_design,
+    read_design,
+    study_goal,
+)
 from pourcast.progress import Report
 from pourcast.scenes.scene import Scene
 from pourcast.stimuli.make import make_stimuli
 from pourcast.stimuli.manifest import FOLDER, StimulusSet, Wanted, best_set, sets_of
 from pourcast.stimuli.recipe import QUICK
-from pourcast.study.folder import load_practice, study_scenes
+from pourcast.study.folder import load_practice, study_experiment, study_scenes
 from pourcast.study.responses import TEST
 
 PRACTICE = "practice"
@@ -116,12 +123,11 @@ def own_default(study: Path) -> str:
     Raises
     ------
     InputError
-        If there are scenes of both experiments.
+        If its scenes ask different things.
     """
-    goals = {scene.goal.kind for scene in study_scenes(study)}
-    if len(goals) > 1:
-        raise InputError(f"{study}: has basins and cups; an experiment asks one question")
-    return default_design(goals.pop(), len(load_practice(study)))
+    study_goal(study)
+    experiment = study_experiment(study, study_scenes(study))
+    return default_design(experiment, len(load_practice(study)))
 
 
 def all_shown(study: Path) -> list[Shown]:
@@ -129,7 +135,7 @@ def all_shown(study: Path) -> list[Shown]:
     if (study / NAME).is_file():
         design = read_design(study)
     else:
-        design = Design.model_validate(tomllib.loads(own_default(study)))
+        design = parse_design(study, tomllib.loads(own_default(study)))
     return Stock(study, study_scenes(study), load_practice(study), design, b"").wanted()
 
 

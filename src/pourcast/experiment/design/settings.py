@@ -1,24 +1,24 @@
 """The design of an experiment: `experiment.toml` in the study folder, and the words shown."""
 
+import json
 import tomllib
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from pourcast.errors import InputError, one_line
+from pourcast.frozen import Frozen
+from pourcast.scenes.goals.base import Goal
+from pourcast.scenes.liquids.registry import resolve_liquid
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 
 NAME = "experiment.toml"
 
-LiquidKind = Literal["water", "honey"]
 
-
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SliderDesign(_Frozen):
+class SliderDesign(Frozen):
     """How the slider behaves.
 
     Parameters
@@ -43,7 +43,7 @@ class SliderDesign(_Frozen):
     trajectory: bool = False
 
 
-class RecruitingDesign(_Frozen):
+class RecruitingDesign(Frozen):
     """Completion codes of a recruiting platform, and where it takes participants back.
 
     `{code}` in `redirect` is filled in.
@@ -60,7 +60,7 @@ class RecruitingDesign(_Frozen):
         return self.model_dump(include={"complete", "screened_out", "failed_check"})
 
 
-class Design(_Frozen):
+class Design(Frozen):
     """An experiment's design.
 
     Parameters
@@ -72,8 +72,8 @@ class Design(_Frozen):
     minutes
         How long it takes, as participants are told.
     groups
-        The liquids that each group of participants sees. Two groups of one liquid
-        are Experiment 1a and 1b; one group of two liquids is Experiment 2.
+        The liquids that each group of participants sees, as they are called. Two groups of one
+        liquid are Experiment 1a and 1b; one group of two liquids is Experiment 2.
     mirrored
         Liquids whose trials are shown in a mirror.
     practice
@@ -105,8 +105,8 @@ class Design(_Frozen):
     contact: str = ""
     language: str = Field(default="en", pattern="^[a-z]{2,3}(-[A-Za-z]{2,4})?$")
     minutes: int = Field(default=30, ge=1)
-    groups: tuple[tuple[LiquidKind, ...], ...] = Field(min_length=1)
-    mirrored: tuple[LiquidKind, ...] = ()
+    groups: tuple[tuple[str, ...], ...] = Field(min_length=1)
+    mirrored: tuple[str, ...] = ()
     practice: int = Field(default=15, ge=0)
     blocks: int = Field(default=3, ge=1)
     order: Literal["shared", "own"] = "shared"
@@ -125,7 +125,7 @@ class Design(_Frozen):
     def _groups_see_something(self) -> "Design":
         for group in self.groups:
             if not group or len(set(group)) < len(group):
-                raise ValueError("groups: expected one or two different liquids a group")
+                raise ValueError("groups: expected different liquids in a group, at least one")
         if len(set(self.groups)) < len(self.groups):
             raise ValueError("groups: two groups see the same")
         return self
@@ -148,21 +148,41 @@ def read_design(study: Path) -> Design:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not TOML ({error})") from None
+    return parse_design(study, content)
+
+
+def parse_design(study: Path, content: dict[str, Any]) -> Design:
+    """A design from the content of `experiment.toml`; see `read_design`."""
+    path = study / NAME
     try:
         design = Design.model_validate(content)
     except ValidationError as error:
         raise InputError(f"{path}: {one_line(error)}") from None
+    scenes, own = study_scenes(study), study_liquids(study)
+    for liquid in liquids_of(design):
+        try:
+            resolve_liquid(liquid, scenes[0], own)
+        except InputError as error:
+            raise InputError(f"{path}: groups: {error}") from None
+    for liquid in design.mirrored:
+        if liquid not in liquids_of(design):
+            raise InputError(f"{path}: mirrored: no group sees {liquid!r}")
     texts_of(study, design)
     return design
 
 
-def default_design(goal: str, practice: int) -> str:
-    """The paper's design for a kind of scene, with every choice explained.
+def liquids_of(design: Design) -> list[str]:
+    """Liquids that any group sees, each once."""
+    return list(dict.fromkeys(liquid for group in design.groups for liquid in group))
+
+
+def default_design(experiment: Experiment | None, practice: int) -> str:
+    """An experiment's design, with every choice explained; the paper's where it says nothing.
 
     Parameters
     ----------
-    goal
-        Kind of the scenes' goal: `basins` (Experiments 1a and 1b) or `cup` (Experiment 2).
+    experiment
+        The experiment; without one, everybody sees water.
     practice
         Number of practice trials.
 
@@ -171,17 +191,37 @@ def default_design(goal: str, practice: int) -> str:
     str
         Content of `experiment.toml`.
     """
-    basins = goal == "basins"
-    groups = '[["water"], ["honey"]]' if basins else '[["water", "honey"]]'
-    mirrored = "[]" if basins else '["honey"]'
+    groups = (("water",),) if experiment is None else experiment.groups
+    mirrored = () if experiment is None else experiment.mirrored
     text = files("pourcast.experiment.design").joinpath("default.toml").read_text(encoding="utf-8")
-    for name, value in (("GROUPS", groups), ("MIRRORED", mirrored), ("PRACTICE", str(practice))):
+    values = {"GROUPS": json.dumps(groups), "MIRRORED": json.dumps(mirrored)}
+    for name, value in (values | {"PRACTICE": str(practice)}).items():
         text = text.replace(f"@{name}@", value)
     return text
 
 
+def study_goal(study: Path) -> type[Goal]:
+    """What a study asks.
+
+    Raises
+    ------
+    InputError
+        If its scenes ask different things.
+    """
+    kinds = {scene.goal.kind: type(scene.goal) for scene in study_scenes(study)}
+    if len(kinds) > 1:
+        raise InputError(
+            f"{study}: its scenes have different goals ({', '.join(sorted(kinds))}); an experiment "
+            "asks one question"
+        )
+    return next(iter(kinds.values()))
+
+
 def texts_of(study: Path, design: Design) -> dict[str, Any]:
-    """All words that participants read: those of the language, and over them the study's own.
+    """All words that participants read.
+
+    Those of the language, with the goal's as `goal`, and the shown liquids' as `liquids`; over
+    them the experiment's own, and over these the study's.
 
     Raises
     ------
@@ -190,11 +230,47 @@ def texts_of(study: Path, design: Design) -> dict[str, Any]:
     """
     english = _read_texts(None, "en")
     texts = english if design.language == "en" else _read_texts(study, design.language)
-    own = f"{study / NAME}: texts"
-    problem = next(_differences(english, texts, design.language), None)
+    goal, where = study_goal(study), f"texts of the language {design.language!r}"
+    texts = {key: value for key, value in texts.items() if key != "goals"} | {
+        "goal": _goal_words(goal, texts, design.language, where),
+        "liquids": _liquid_words(design, texts),
+    }
+    wanted = english | {"goal": goal.words["en"], "liquids": {}}
+    problem = next(_differences(wanted, texts, design.language), None)
     if problem is not None:
-        raise InputError(f"texts of the language {design.language!r}: {problem}")
-    return _merged(texts, {"page": {"title": design.title}} | design.texts, own)
+        raise InputError(f"{where}: {problem}")
+    experiment = study_experiment(study, study_scenes(study))
+    if experiment is not None:
+        texts = _merged(texts, dict(experiment.words), f"experiment {experiment.name!r}: words")
+    own = {"page": {"title": design.title}} | design.texts
+    return _merged(texts, own, f"{study / NAME}: texts")
+
+
+def _goal_words(goal: type[Goal], texts: dict[str, Any], language: str, where: str) -> Any:
+    """What a goal says in a language: a translation's, else its own."""
+    kind = goal.model_fields["kind"].default
+    translated = texts.get("goals", {}).get(kind)
+    if translated is not None:
+        return translated
+    if language not in goal.words:
+        raise InputError(
+            f"{where}: goals.{kind} is missing; translate the English words of the goal {kind!r}"
+        )
+    return dict(goal.words[language])
+
+
+def _liquid_words(design: Design, texts: dict[str, Any]) -> dict[str, Any]:
+    """Name and description of the liquids that the design shows."""
+    known = texts.get("liquids", {})
+    own = design.texts.get("liquids", {})
+    words = {}
+    for liquid in liquids_of(design):
+        name = own.get(liquid, {}).get("name", liquid.replace("-", " "))
+        any_liquid = texts.get("any_liquid", {}).get("description", "{liquid}")
+        words[liquid] = known.get(
+            liquid, {"name": name, "description": any_liquid.replace("{liquid}", name)}
+        )
+    return words
 
 
 def _read_texts(study: Path | None, language: str) -> dict[str, Any]:

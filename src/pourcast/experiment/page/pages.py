@@ -8,7 +8,11 @@ from typing import Any
 
 from pourcast.errors import InputError
 from pourcast.experiment.design.plan import Stock
+from pourcast.experiment.design.settings import liquids_of
 from pourcast.files import write_text
+from pourcast.scenes.goals.base import Goal
+from pourcast.scenes.liquids.registry import resolve_liquid
+from pourcast.study.folder import study_liquids
 
 WEB = Path(__file__).parent / "web"
 DIST = WEB / "dist"
@@ -68,7 +72,8 @@ def participant_view(stock: Stock, texts: Mapping[str, Any]) -> dict[str, Any]:
     design, box = stock.design, stock.scenes[0].box
     return {
         "texts": texts,
-        "goal": stock.scenes[0].goal.kind,
+        "answer_picture": _answer_picture(type(stock.scenes[0].goal)),
+        "colours": _colours(stock),
         "aspect": box.width / box.height,
         "slider": design.slider.model_dump(),
         **design.model_dump(
@@ -81,4 +86,20 @@ def participant_view(stock: Stock, texts: Mapping[str, Any]) -> dict[str, Any]:
                 "fullscreen",
             }
         ),
+    }
+
+
+def _answer_picture(goal: type[Goal]) -> dict[str, Any]:
+    """The small picture of an answer, as the browser draws it."""
+    picture = goal.answer_picture
+    columns = [column._asdict() for column in picture.columns]
+    return {"columns": columns, "parts": picture.parts}
+
+
+def _colours(stock: Stock) -> dict[str, str]:
+    """Colour of each liquid that the design shows."""
+    own = study_liquids(stock.study)
+    return {
+        liquid: resolve_liquid(liquid, stock.scenes[0], own).colour
+        for liquid in liquids_of(stock.design)
     }

@@ -8,35 +8,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.errors import InputError
-from pourcast.progress import Report
-from pourcast.scenes.families.shapes import ShapesFamily
-from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.models.registry import parse_spec
+from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes, write_scenes
-from pourcast.study.selection import (
-    CONTRAST_FILTER,
-    CoarseFilter,
-    SceneFamily,
-    drawn_scene,
-    filtered_scenes,
-)
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.experiments.registry import EXPERIMENTS
+from pourcast.study.selection import SceneFamily, drawn_scene, filtered_scenes
 from pourcast.sweep.judged import judge_in_study, sweep_words
 
 PIECE = 250
 """Scenes in a file; what is drawn is kept in pieces, so that little is lost."""
 
-FAMILIES: dict[str, tuple[SceneFamily, CoarseFilter]] = {
-    "exp1": (VoronoiFamily(), CoarseFilter()),
-    "exp2": (ShapesFamily(), CONTRAST_FILTER),
-}
-"""Experiment -> what is drawn, and which draws are kept."""
-
-LABELS = {
-    "water": "truth-water:n_particles=100",
-    "honey": "truth-honey:n_particles=100",
-}
-"""What labels: the deterministic ground truths with N = 100 (Bates et al., "ConvNet")."""
+LABEL_PARTICLES = 100
+"""Particles of the ground truths that label (Bates et al., "ConvNet")."""
 
 _STREAMS = {"training": 2, "held-out": 3}
 """Parts of the seed: no scene of one stream is in another, nor in any study's own."""
@@ -49,7 +34,7 @@ class Draws:
     Parameters
     ----------
     experiment
-        ``exp1`` or ``exp2``.
+        Name of the experiment whose family and filter are used.
     seed
         Source of randomness.
     filtered
@@ -71,9 +56,7 @@ class Draws:
         return f"{self.experiment}-{self.stream}-{rule}-seed{self.seed}"
 
 
-def drawn_scenes(
-    folder: Path, draws: Draws, count: int, report: Report | None = None
-) -> list[Scene]:
+def drawn_scenes(folder: Path, draws: Draws, count: int, report: Report = no_report) -> list[Scene]:
     """First scenes of a list; those that were drawn before are read.
 
     Parameters
@@ -99,8 +82,7 @@ def drawn_scenes(
     """
     scenes: list[Scene] = []
     for place, size in enumerate(_piece_sizes(count)):
-        if report is not None:
-            report(f"drawing {draws.stream} scenes", len(scenes), count)
+        report(f"drawing {draws.stream} scenes", len(scenes), count)
         path = folder / draws.name / f"{place:04d}.json"
         piece = read_scenes(path) if path.is_file() else []
         if len(piece) < size:
@@ -116,7 +98,8 @@ def _piece_sizes(count: int) -> Iterator[int]:
 
 
 def _piece(draws: Draws, place: int, size: int) -> list[Scene]:
-    family, rule = FAMILIES[draws.experiment]
+    experiment = EXPERIMENTS.get(draws.experiment)
+    family, rule = experiment.family, experiment.choice.rule
     words = [draws.seed, _STREAMS[draws.stream], place]
     seed = int(np.random.SeedSequence(words).generate_state(1)[0])
     if draws.filtered:
@@ -135,12 +118,26 @@ def _plain(family: SceneFamily, wanted: int, seed: int) -> list[Scene]:
     return list(islice((scene for scene in draws if scene is not None), wanted))
 
 
+def label_spec(experiment: Experiment, liquid: str) -> str:
+    """Spec of the ground truth that labels scenes for a liquid's network.
+
+    Examples
+    --------
+    >>> label_spec(EXPERIMENTS.get("exp1"), "honey")
+    'truth-honey:n_particles=100'
+    """
+    name, values = parse_spec(experiment.truth(liquid))
+    values |= {"n_particles": str(LABEL_PARTICLES)}
+    return f"{name}:{','.join(f'{key}={value}' for key, value in values.items())}"
+
+
 def truth_labels(
     folder: Path,
     scenes: list[Scene],
     liquid: str,
+    spec: str,
     workers: int | None = None,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> NDArray[np.float64]:
     """The ground truth's judgments, through a sweep's store: none is simulated twice.
 
@@ -151,7 +148,9 @@ def truth_labels(
     scenes
         The scenes.
     liquid
-        ``water`` or ``honey``.
+        Liquid of the trials.
+    spec
+        The ground truth, from `label_spec`.
     workers
         Processes; all cores by default.
     report
@@ -169,9 +168,7 @@ def truth_labels(
     StoreError
         If some judgments could not be made.
     """
-    if liquid not in LABELS:
-        raise InputError(f"liquid: expected {' or '.join(LABELS)}, found {liquid!r}")
-    asked = (liquid, LABELS[liquid])
+    asked = (liquid, spec)
     tell = sweep_words(report, f"labelling with {liquid}")
     found = judge_in_study(
         folder, scenes, [asked], f"labels-{liquid}", workers=workers, report=tell

@@ -1,4 +1,4 @@
-"""The networks of an experiment: water's first, then honey's, which is fine-tuned from it."""
+"""The networks of an experiment: that of its first liquid, and the others, fine-tuned from it."""
 
 import hashlib
 import json
@@ -12,6 +12,7 @@ import numpy as np
 
 from pourcast.errors import InputError
 from pourcast.files import check_writable
+from pourcast.models.registry import presets
 from pourcast.networks.backbones import (
     imagenet_weights,
     make_backbone,
@@ -31,7 +32,7 @@ from pourcast.networks.network import (
     read_network,
     write_network,
 )
-from pourcast.networks.training.data import LABELS, Draws, drawn_scenes, truth_labels
+from pourcast.networks.training.data import Draws, drawn_scenes, label_spec, truth_labels
 from pourcast.networks.training.figure import draw_card
 from pourcast.networks.training.learner import (
     Examples,
@@ -41,12 +42,13 @@ from pourcast.networks.training.learner import (
     split,
     train,
 )
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.simulation.run import engine_version
-from pourcast.study.folder import EXPERIMENTS
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.experiments.registry import EXPERIMENTS
 
-HONEY_SHARE = 4
-"""Of the scenes, one in so many is for the honey network, too (paper: 2,500 of 10,000)."""
+TUNED_SHARE = 4
+"""Of the scenes, one in so many is for the fine-tuned networks, too (paper: 2,500 of 10,000)."""
 
 DEFAULT_SCENES = 10_000
 HELD_OUT = 120
@@ -76,11 +78,11 @@ class Request:
     Parameters
     ----------
     experiment
-        ``exp1`` or ``exp2``.
+        Name of the experiment.
     scenes
-        Training scenes of the water network (paper: 10,000).
-    honey_scenes
-        Of the honey network, the first of the same; a quarter by default. 0 for none.
+        Training scenes of the network of the experiment's first liquid (paper: 10,000).
+    tuned_scenes
+        Of its other liquids' networks, the first of the same; a quarter by default. 0 for none.
     recipe
         How they are made.
     seed
@@ -93,33 +95,50 @@ class Request:
 
     experiment: str
     scenes: int = DEFAULT_SCENES
-    honey_scenes: int | None = None
+    tuned_scenes: int | None = None
     recipe: Recipe = field(default_factory=default_recipe)
     seed: int = 0
     filtered: bool = True
     held_out: int = HELD_OUT
 
     def __post_init__(self) -> None:
-        if self.experiment not in EXPERIMENTS:
-            expected = " or ".join(EXPERIMENTS)
-            raise InputError(f"experiment: expected {expected}, found {self.experiment!r}")
-        wanted = {"scenes": self.scenes, "honey-scenes": self.count("honey") or FEWEST_SCENES}
+        tuned = self._tuned_count or FEWEST_SCENES
+        wanted = {"scenes": self.scenes, "tuned-scenes": tuned if self._others else FEWEST_SCENES}
         for name, count in wanted.items():
             if count < FEWEST_SCENES:
                 raise InputError(f"{name}: expected at least {FEWEST_SCENES}, found {count}")
 
     def count(self, liquid: str) -> int:
         """Training scenes of a liquid's network."""
-        if liquid == "water":
-            return self.scenes
-        if self.honey_scenes is None:
-            return max(FEWEST_SCENES, self.scenes // HONEY_SHARE)
-        return self.honey_scenes
+        return self.scenes if liquid == self.first_liquid else self._tuned_count
+
+    @property
+    def first_liquid(self) -> str:
+        """Liquid whose network learns from the first weights; the others are tuned from it."""
+        return self._experiment.shown_liquids[0]
 
     @property
     def liquids(self) -> list[str]:
         """Liquids that get a network."""
-        return [liquid for liquid in LABELS if self.count(liquid)]
+        return [liquid for liquid in self._experiment.shown_liquids if self.count(liquid)]
+
+    def label_spec(self, liquid: str) -> str:
+        """The ground truth that labels scenes for a liquid's network."""
+        return label_spec(self._experiment, liquid)
+
+    @property
+    def _experiment(self) -> Experiment:
+        return EXPERIMENTS.get(self.experiment)
+
+    @property
+    def _others(self) -> tuple[str, ...]:
+        return self._experiment.shown_liquids[1:]
+
+    @property
+    def _tuned_count(self) -> int:
+        if self.tuned_scenes is None:
+            return max(FEWEST_SCENES, self.scenes // TUNED_SHARE)
+        return self.tuned_scenes
 
 
 def train_networks(
@@ -129,15 +148,15 @@ def train_networks(
     data: Path | None = None,
     device: str = "auto",
     workers: int | None = None,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> list[Path]:
     """Draw scenes, label them, train, try out, and write networks; goes on where it stopped.
 
     Parameters
     ----------
     folder
-        Where to: ``water.safetensors``, ``honey.safetensors``, each with its card (.json) and a
-        picture (.png); ``work`` in it keeps half-trained networks.
+        Where to: for each liquid a network such as ``water.safetensors``, with its card (.json)
+        and a picture (.png); ``work`` in it keeps half-trained networks.
     request
         What is wanted.
     data
@@ -163,13 +182,25 @@ def train_networks(
     """
     torch_module()
     device = find_device(device)
-    check_writable(folder / "water.json")
+    check_writable(folder / f"{request.first_liquid}.json")
     paths = {liquid: folder / f"{liquid}{SUFFIX}" for liquid in request.liquids}
     missing = [liquid for liquid, path in paths.items() if not _is_there(path, request, liquid)]
     labelled = _Labelled(data or folder / "data", request, workers, report)
     for liquid in missing:
         _train_one(folder, labelled, liquid, device, report)
     return list(paths.values())
+
+
+def network_spec(liquid: str, path: Path) -> str:
+    """Spec of a model that judges with a network: by the paper's name for it, if there is one.
+
+    Examples
+    --------
+    >>> network_spec("water", Path("net/water.safetensors"))
+    'water-convnet:weights=net/water.safetensors'
+    """
+    preset = f"{liquid}-convnet"
+    return f"{preset if preset in presets() else 'convnet'}:weights={path}"
 
 
 def find_device(name: str) -> str:
@@ -196,7 +227,7 @@ def _wanted(request: Request, liquid: str) -> dict[str, Any]:
     return {
         "experiment": request.experiment,
         "liquid": liquid,
-        "labelled_by": f"{LABELS[liquid]} (engine {engine_version()})",
+        "labelled_by": f"{request.label_spec(liquid)} (engine {engine_version()})",
         "scenes": request.count(liquid),
         "seed": request.seed,
         "filtered": request.filtered,
@@ -222,7 +253,7 @@ def _is_there(path: Path, request: Request, liquid: str) -> bool:
 
 
 def _train_one(
-    folder: Path, labelled: "_Labelled", liquid: str, device: str, report: Report | None
+    folder: Path, labelled: "_Labelled", liquid: str, device: str, report: Report
 ) -> None:
     path, request = folder / f"{liquid}{SUFFIX}", labelled.request
     model, first_weights, knows = _first(folder, request, liquid)
@@ -262,7 +293,7 @@ class _Labelled:
     folder: Path
     request: Request
     workers: int | None
-    report: Report | None
+    report: Report
 
     def examples(self, liquid: str) -> Examples:
         """What a network learns from."""
@@ -277,7 +308,8 @@ class _Labelled:
 
     def _labelled(self, draws: Draws, count: int, liquid: str) -> Examples:
         scenes = drawn_scenes(self.folder, draws, count, self.report)
-        labels = truth_labels(self.folder, scenes, liquid, self.workers, self.report)
+        spec = self.request.label_spec(liquid)
+        labels = truth_labels(self.folder, scenes, liquid, spec, self.workers, self.report)
         return Examples(scenes, labels)
 
 
@@ -286,10 +318,11 @@ def _first(folder: Path, request: Request, liquid: str) -> tuple[Any, str, bool]
     torch, recipe = torch_module(), request.recipe
     torch.manual_seed(request.seed)
     model = make_backbone(recipe.backbone, recipe.height, recipe.width)
-    if liquid == "honey":
-        water = read_network(folder / f"water{SUFFIX}")
-        model.load_state_dict(water.model.state_dict())
-        return model, f"the water network ({water.card.weights[:16]})", True
+    first = request.first_liquid
+    if liquid != first:
+        learned = read_network(folder / f"{first}{SUFFIX}")
+        model.load_state_dict(learned.model.state_dict())
+        return model, f"the {first} network ({learned.card.weights[:16]})", True
     weight, bias = list(model.parameters())[-2:]
     torch.nn.init.zeros_(weight)
     torch.nn.init.constant_(bias, 0.5)
@@ -304,12 +337,11 @@ def _first(folder: Path, request: Request, liquid: str) -> tuple[Any, str, bool]
     return model, source, True
 
 
-def _tried(network: Network, held_out: Examples, report: Report | None) -> HeldOut:
+def _tried(network: Network, held_out: Examples, report: Report) -> HeldOut:
     """What a finished network makes of scenes that it has never seen."""
 
     def tell(done: int, total: int) -> None:
-        if report is not None:
-            report("judging held-out scenes", done, total)
+        report("judging held-out scenes", done, total)
 
     pairs = network.pairs(held_out.scenes, tell)
     said = judged(pairs)

@@ -11,15 +11,15 @@ from matplotlib.figure import Figure
 from pourcast.comparison.agreement import Compared, short_liquid
 from pourcast.models.registry import family_of, name_of
 from pourcast.pictures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
-from pourcast.report.published import with_people
 from pourcast.statistics.correlation import mean_judgments, pearson
+from pourcast.study.experiments.base import Experiment, published_with_people
 
 
 def _panels(figure: Figure, count: int, **options: Any) -> list[Any]:
     return list(figure.subplots(1, count, squeeze=False, **options)[0])
 
 
-def correlations(agreement: pd.DataFrame, experiment: str) -> Figure:
+def correlations(agreement: pd.DataFrame, experiment: Experiment | None = None) -> Figure:
     """Correlation of each model with people, water and honey side by side, published values too.
 
     Parameters
@@ -27,7 +27,7 @@ def correlations(agreement: pd.DataFrame, experiment: str) -> Figure:
     agreement
         Table of `analysis.agreement.agreement_table`, of one or more liquids.
     experiment
-        ``exp1`` or ``exp2``, for the published values.
+        What it is of; its published correlations are shown as diamonds.
     """
     liquids = list(dict.fromkeys(agreement["liquid"]))
     models = list(dict.fromkeys(agreement["model"]))
@@ -38,7 +38,7 @@ def correlations(agreement: pd.DataFrame, experiment: str) -> Figure:
             short, places = short_liquid(liquid), np.arange(len(models))
             axes.barh(places, rows["r"], color=LIQUID_COLOURS[short], height=0.7, alpha=0.85)
             axes.hlines(places, rows["r_low"], rows["r_high"], color="black", linewidth=1)
-            known = with_people(experiment, short)
+            known = published_with_people(experiment, short)
             marked = [(known[m].r, k) for k, m in enumerate(models) if m in known]
             if marked:
                 axes.plot(
@@ -50,8 +50,8 @@ def correlations(agreement: pd.DataFrame, experiment: str) -> Figure:
             axes.set_xlim(min(0.0, float(rows["r_low"].min())), 1.0)
         figure.axes[0].invert_yaxis()
         resampled = _resampled_words(agreement["resampled"].iloc[0])
-        published = "; diamonds: published" if with_people(experiment, "water") else ""
-        figure.suptitle(f"Lines: 95 % intervals, {resampled} resampled{published}", fontsize=7)
+        diamonds = "; diamonds: published" if experiment and experiment.published else ""
+        figure.suptitle(f"Lines: 95 % intervals, {resampled} resampled{diamonds}", fontsize=7)
     return figure
 
 

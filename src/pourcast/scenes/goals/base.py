@@ -2,10 +2,39 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Self
 
 from pourcast.frozen import Frozen
 from pourcast.scenes.geometry import Polygon
+
+
+class Column(NamedTuple):
+    """A column of liquid in the small picture of an answer, in shares of the picture's size."""
+
+    x: float
+    """Its left edge."""
+    width: float
+    judged: bool
+    """Whether it grows with the share that is judged, or with what is left of the liquid."""
+    full: float = 1.0
+    """Its height when that share is 1."""
+
+
+@dataclass(frozen=True)
+class AnswerPicture:
+    """The small picture under the slider that shows what an answer says.
+
+    Parameters
+    ----------
+    columns
+        Where the liquid stands.
+    parts
+        The goal's parts: polygons in shares of the picture's size, y upwards.
+    """
+
+    columns: tuple[Column, ...] = (Column(0.0, 1.0, judged=True),)
+    parts: tuple[Polygon, ...] = ()
 
 
 class Goal(Frozen, ABC):
@@ -28,7 +57,9 @@ class Goal(Frozen, ABC):
     words: ClassVar[Mapping[str, Mapping[str, Any]]]
     """Language -> what participants read of it: `instructions` (pages), `quiz` (questions),
     `question`, `slider` (its name), `low` and `high` (its ends), `value` (what an answer says);
-    see `basins.py`. Words in {braces} are filled in."""
+    see `basins.py`. {liquid}, {share} and {rest} are filled in. English is needed."""
+
+    answer_picture: ClassVar[AnswerPicture] = AnswerPicture()
 
     @property
     @abstractmethod

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self
 
 from pourcast.scenes.geometry import Length, Polygon
-from pourcast.scenes.goals.base import Goal
+from pourcast.scenes.goals.base import AnswerPicture, Column, Goal
 
 _ENGLISH = {
     "instructions": [
@@ -60,6 +60,10 @@ class Basins(Goal):
 
     share: ClassVar[str] = "share of the liquid in the right basin"
     words: ClassVar[Mapping[str, Mapping[str, Any]]] = {"en": _ENGLISH}
+    answer_picture: ClassVar[AnswerPicture] = AnswerPicture(
+        columns=(Column(0.0, 0.5, judged=False), Column(0.5, 0.5, judged=True)),
+        parts=(((0.4625, 0.0), (0.5, 0.857), (0.5375, 0.0)),),
+    )
 
     kind: Literal["basins"] = "basins"
     divider_x: float = 0.5

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from pourcast.scenes.geometry import Length, Polygon
-from pourcast.scenes.goals.base import Goal
+from pourcast.scenes.goals.base import AnswerPicture, Column, Goal
 
 _ENGLISH = {
     "instructions": [
@@ -64,6 +64,17 @@ class Cup(Goal):
 
     share: ClassVar[str] = "share of the liquid in the cup"
     words: ClassVar[Mapping[str, Mapping[str, Any]]] = {"en": _ENGLISH}
+    answer_picture: ClassVar[AnswerPicture] = AnswerPicture(
+        # What misses the cup lies on twice its width.
+        columns=(
+            Column(1 / 3, 1 / 3, judged=True),
+            Column(0.0, 1 / 3, judged=False, full=0.5),
+            Column(2 / 3, 1 / 3, judged=False, full=0.5),
+        ),
+        parts=tuple(
+            ((x, 0.0), (x + 0.025, 0.0), (x + 0.025, 1.0), (x, 1.0)) for x in (0.3083, 0.6667)
+        ),
+    )
 
     kind: Literal["cup"] = "cup"
     centre_x: float = 0.5

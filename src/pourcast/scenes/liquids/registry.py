@@ -39,8 +39,6 @@ def liquid_from(name: str, table: Mapping[str, Any], source: str) -> Liquid:
     InputError
         One line that names the source, the field and what was expected.
     """
-    if not isinstance(table, Mapping):
-        raise InputError(f"{source}: expected a table, such as `viscosity_alpha = 0.4`")
     if "name" in table:
         raise InputError(f"{source}: name: unknown; the table's own name is the liquid's")
     try:
@@ -90,11 +88,24 @@ def known_liquids(own: Sequence[Liquid] = ()) -> list[Liquid]:
     InputError
         If one of a study's own has the name of another.
     """
-    others = LIQUIDS.names()
+    others = [_named(name) for name in LIQUIDS.names()]
+    taken = {name for liquid in others for name in (liquid.name, liquid.called)}
     for liquid in own:
-        if liquid.name in others:
+        if liquid.name in taken:
             raise InputError(f"liquid {liquid.name!r}: there is one of that name already")
-    return [*own, *(_named(name) for name in others)]
+        taken.add(liquid.name)
+    return [*own, *others]
+
+
+def called(name: str) -> str:
+    """What a liquid of a name is called: ``honey`` for the honey of either experiment.
+
+    Examples
+    --------
+    >>> called("honey-exp1"), called("my-syrup")
+    ('honey', 'my-syrup')
+    """
+    return next((known.called for known in known_liquids() if known.name == name), name)
 
 
 def liquid_names(own: Sequence[Liquid] = ()) -> list[str]:

@@ -1,0 +1,21 @@
+"""Experiment 2: a cup below three shapes; all see water and mirrored honey (Bates et al.)."""
+
+from pourcast.scenes.families.shapes import ShapesFamily
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.selection import ContrastingScenes
+
+EXPERIMENT = Experiment(
+    name="exp2",
+    title="a cup below three shapes; scenes on which water and honey disagree, honey mirrored",
+    family=ShapesFamily(),
+    choice=ContrastingScenes(),
+    goal="cup",
+    scene_count=60,
+    practice_count=15,
+    participants=21,
+    groups=(("water", "honey"),),
+    mirrored=("honey",),
+    grid="paper-exp2",
+    observers={"water": "water-ife", "honey": "honey-ife-2"},
+    truths={"water": "truth-water", "honey": "truth-honey"},
+)
