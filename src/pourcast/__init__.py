@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pourcast.pictures.demo import demo_scenes
     from pourcast.pictures.show import show
     from pourcast.prediction import predict, summarise
-    from pourcast.scenes.goals.base import Goal
+    from pourcast.scenes.goals.base import AnswerPicture, Column, Goal
     from pourcast.scenes.goals.basins import Basins
     from pourcast.scenes.goals.cup import Cup
     from pourcast.scenes.importers import import_scene
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from pourcast.simulation.pour import Outcome, Pour
     from pourcast.simulation.run import simulate
     from pourcast.simulation.settings import EngineSettings
+    from pourcast.study.experiments.base import Experiment
 
 __version__ = "0.1.0"
 
@@ -40,7 +41,7 @@ _HOMES = {
     "pictures.demo": ("demo_scenes",),
     "pictures.show": ("show",),
     "prediction": ("predict", "summarise"),
-    "scenes.goals.base": ("Goal",),
+    "scenes.goals.base": ("AnswerPicture", "Column", "Goal"),
     "scenes.goals.basins": ("Basins",),
     "scenes.goals.cup": ("Cup",),
     "scenes.importers": ("import_scene",),
@@ -51,14 +52,16 @@ _HOMES = {
     "simulation.pour": ("Outcome", "Pour"),
     "simulation.run": ("simulate",),
     "simulation.settings": ("EngineSettings",),
+    "study.experiments.base": ("Experiment",),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "HONEY_EXP1", "HONEY_EXP2", "WATER", "Basins", "Box", "Cup", "EngineSettings", "Goal",
-    "InputError", "Liquid", "LiquidStart", "Model", "Outcome", "Pour", "Scene", "SimulationModel",
-    "demo_scenes", "import_scene", "make_model", "model_names", "parameter", "predict",
-    "read_scenes", "show", "simulate", "summarise", "write_scenes",
+    "HONEY_EXP1", "HONEY_EXP2", "WATER", "AnswerPicture", "Basins", "Box", "Column", "Cup",
+    "EngineSettings", "Experiment", "Goal", "InputError", "Liquid", "LiquidStart", "Model",
+    "Outcome", "Pour", "Scene", "SimulationModel", "demo_scenes", "import_scene", "make_model",
+    "model_names", "parameter", "predict", "read_scenes", "show", "simulate", "summarise",
+    "write_scenes",
 ]  # fmt: skip
 
 
