@@ -216,7 +216,7 @@ class Study {
           await this.outbox.forget(session.token);
           return this.farewell(session, end, { code: said.code ?? "", redirect: said.redirect ?? "" });
         }
-        this.outbox.markUnsaved(session.token, said.missing);
+        this.sender.resend(session.token, said.missing);
       } catch (error) {
         if (error instanceof Refused) {
           clearTimeout(patience);
