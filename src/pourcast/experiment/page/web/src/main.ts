@@ -109,7 +109,8 @@ class Study {
       try {
         session = await this.known(session.token, this.tab);
       } catch (error) {
-        return show(`<p>${escaped(error instanceof Refused ? error.text : words.broken)}</p>`);
+        const said = error instanceof Refused ? error.text : "";
+        return show(`<p>${escaped(said || words.broken)}</p>`);
       }
     }
     this.sender.onSuperseded = (token) => {
