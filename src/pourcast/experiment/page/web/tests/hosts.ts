@@ -43,7 +43,7 @@ export abstract class Network {
       if (fails === "nonsense") return new Response("<h1>Please log in to this network</h1>");
       if (typeof fails === "number") return new Response("<h1>Bad gateway</h1>", { status: fails });
       const headers = new Headers(init.headers);
-      const content = JSON.parse(String(init.body ?? "{}")) as Content;
+      const content = JSON.parse(typeof init.body === "string" ? init.body : "{}") as Content;
       const method = init.method ?? "GET";
       this.requests.push({ method, url, headers, content });
       const said = this.handle(method, url, headers, content);
@@ -58,10 +58,10 @@ export abstract class Network {
 
 /** `experiment/server/app.py`, as far as the page knows it. */
 export class OurServer extends Network {
-  sessions = new Map<string, { request: string; tab: string; kept: Map<number, Body>; state: string }>();
+  sessions = new Map<string, { request: string; tab: string | undefined; kept: Map<number, Body>; state: string }>();
 
   protected handle(method: string, url: string, headers: Headers, content: Content): Response {
-    const tab = String(content["tab"] ?? "");
+    const tab = content["tab"] as string | undefined;
     if (method === "POST" && url === "api/sessions") {
       const request = String(content["request"]);
       const known = [...this.sessions].find(([, one]) => one.request === request)?.[0];
@@ -73,7 +73,7 @@ export class OurServer extends Network {
     const session = this.sessions.get(token);
     if (!session) return answer(401, { refused: "gone", text: "It is gone." });
     if (method === "POST" && url === "api/session/resume") {
-      if (content["tab"]) session.tab = tab;
+      if (tab) session.tab = tab;
       return answer(200, this.told(token));
     }
     if (method === "POST" && url === "api/session/finish") {

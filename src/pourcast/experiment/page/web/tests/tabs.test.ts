@@ -200,13 +200,13 @@ describe("a browser without channels", () => {
   });
 
   it("or that forbids them, as Firefox does where cookies are blocked, still shows the page", async () => {
-    vi.stubGlobal("BroadcastChannel", class {
-      constructor() {
-        throw new DOMException("The operation is insecure.", "SecurityError");
-      }
+    const forbidden = vi.fn<() => void>(() => {
+      throw new DOMException("The operation is insecure.", "SecurityError");
     });
+    vi.stubGlobal("BroadcastChannel", forbidden);
     const tabs = new Tabs("a", "study");
     tabs.take();
     expect(await tabs.elsewhere()).toBe(false);
+    expect(forbidden).toHaveBeenCalledOnce();
   });
 });

@@ -55,7 +55,7 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
     expect(session.token).not.toBe("");
     expect(session.code).not.toBe("");
     expect(session.state).toBe("open");
-    expect(session.steps.map(({ seq }) => seq).toSorted()).toEqual(ALL);
+    expect(new Set(session.steps.map(({ seq }) => seq))).toEqual(new Set(ALL));
     expect(session.done).toEqual([]);
   });
 
@@ -102,7 +102,7 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
     const { token } = await transport.begin("request-1", "tab");
     const entries = await saveAll(transport, token, [1]);
     const said = await transport.finish(token, "complete", entries);
-    expect(said.missing.toSorted()).toEqual([0, 2]);
+    expect(new Set(said.missing)).toEqual(new Set([0, 2]));
     expect(said.code).toBeUndefined();
     entries.push(...(await saveAll(transport, token, [0, 2])));
     expect(await transport.finish(token, "complete", entries)).toMatchObject({ missing: [], code: "DONE1" });

@@ -178,7 +178,7 @@ class Slider {
   }
 
   private async show(picture: HTMLImageElement): Promise<void> {
-    picture.src = this.trial.stimulus as string;
+    picture.src = this.trial.stimulus;
     await picture.decode().catch(() => undefined);
     this.start = this.firstPlace();
     if (this.start !== null) this.value = this.start;

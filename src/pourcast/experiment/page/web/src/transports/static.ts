@@ -38,8 +38,8 @@ export class StaticTransport implements Transport {
     return sessionOf(await this.fetched(), this.opening(token));
   }
 
-  async save(): Promise<{ superseded: boolean }> {
-    return { superseded: false }; // It is in IndexedDB; there is nobody else to tell yet.
+  save(): Promise<{ superseded: boolean }> {
+    return Promise.resolve({ superseded: false }); // It is in IndexedDB; nobody else is told yet.
   }
 
   async finish(token: string, end: End, entries: Entry[]): Promise<Ended> {
@@ -97,7 +97,7 @@ export class StaticTransport implements Transport {
   }
 
   private fetched(): Promise<Plan> {
-    this.plan ??= fetchPlan().catch((error) => {
+    this.plan ??= fetchPlan().catch((error: unknown) => {
       this.plan = null;
       throw error;
     });
