@@ -200,7 +200,7 @@ describe("a browser without channels", () => {
   });
 
   it("or that forbids them, as Firefox does where cookies are blocked, still shows the page", async () => {
-    const forbidden = vi.fn<() => void>(() => {
+    const forbidden = vi.fn<() => void>(function () {
       throw new DOMException("The operation is insecure.", "SecurityError");
     });
     vi.stubGlobal("BroadcastChannel", forbidden);

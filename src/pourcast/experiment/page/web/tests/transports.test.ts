@@ -145,6 +145,19 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
   );
 });
 
+describe("the folder of transports", () => {
+  it("has none that the contract is not tested on", () => {
+    const modules = import.meta.glob<{ [name: string]: unknown }>("../src/transports/*.ts", { eager: true });
+    const kinds = Object.values(modules)
+      .flatMap((module) => Object.values(module))
+      .filter((one) => typeof one === "function" && "begin" in ((one.prototype ?? {}) as object));
+    new JatosHost().install();
+    const tested = Object.values(MEMBERS).map((make) => make().page().constructor);
+    expect(new Set(tested)).toEqual(new Set(kinds));
+    expect(kinds.length).toBeGreaterThan(2);
+  });
+});
+
 describe("our server", () => {
   it("is told who asks, and by which tab", async () => {
     const network = new OurServer().install();
