@@ -14,6 +14,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 WEB = Path(__file__).parent / "src" / "pourcast" / "experiment" / "page" / "web"
 DIST = WEB / "dist"
+# Not `tests/`: linter and tests are a package of their own, which no installation waits for.
 SOURCES = ("package-lock.json", "package.json", "build.mjs", "tsconfig.json", "src/**/*")
 
 

@@ -38,7 +38,7 @@ class Memory {
 
   read(): { request?: string; token?: string } {
     try {
-      return JSON.parse(localStorage.getItem(this.key) ?? "{}");
+      return JSON.parse(localStorage.getItem(this.key) ?? "{}") as { request?: string; token?: string };
     } catch {
       return {};
     }
@@ -97,11 +97,15 @@ class Study {
       [session, resumed] = await this.session();
     } catch (error) {
       const said = error instanceof Refused ? error.text : "";
-      return show(`<p>${escaped(said || words.broken)}</p>`);
+      show(`<p>${escaped(said || words.broken)}</p>`);
+      return;
     }
     document.title = session.texts["page"].title;
-    if (session.state !== "open") return this.farewell(session, session.state as End, session);
-    if (elsewhere) await this.ask(session, "tabs");
+    if (session.state !== "open") {
+      this.farewell(session, session.state as End, session);
+      return;
+    }
+    if (elsewhere) await this.askWhere(session);
     this.tabs.onTaken = () => this.moveAway(session);
     this.tabs.take();
     if (elsewhere || resumed) {
@@ -109,7 +113,9 @@ class Study {
       try {
         session = await this.known(session.token, this.tab);
       } catch (error) {
-        return show(`<p>${escaped(error instanceof Refused ? error.text : words.broken)}</p>`);
+        const said = error instanceof Refused ? error.text : "";
+        show(`<p>${escaped(said || words.broken)}</p>`);
+        return;
       }
     }
     this.sender.onSuperseded = (token) => {
@@ -147,8 +153,9 @@ class Study {
     return session;
   }
 
-  private ask(session: Session, name: string): Promise<void> {
-    const texts = session.texts[name];
+  /** Asks whoever has the study open elsewhere to go on there, or here. */
+  private askWhere(session: Session): Promise<void> {
+    const texts = session.texts.tabs;
     show(`${pageOf(texts.title, texts.body)}<button class="jspsych-btn">${escaped(texts.button)}</button>`);
     const button = page.querySelector("button") as HTMLButtonElement;
     button.focus();
@@ -196,8 +203,8 @@ class Study {
       const mode = this.link["mode"] === "visual" ? "visual" : "data-only";
       await jsPsych.simulate(timeline, mode, {});
     } else await jsPsych.run(timeline);
-    if (this.ended === "moved") return this.sayMoved(session);
-    await this.finish(session, this.ended ?? "complete");
+    if (this.ended === "moved") this.sayMoved(session);
+    else await this.finish(session, this.ended ?? "complete");
   }
 
   /** The last page waits for the network, and only it. */
@@ -214,13 +221,15 @@ class Study {
         if (!said.missing.length) {
           clearTimeout(patience);
           await this.outbox.forget(session.token);
-          return this.farewell(session, end, { code: said.code ?? "", redirect: said.redirect ?? "" });
+          this.farewell(session, end, { code: said.code ?? "", redirect: said.redirect ?? "" });
+          return;
         }
-        this.outbox.markUnsaved(session.token, said.missing);
+        this.sender.resend(session.token, said.missing);
       } catch (error) {
         if (error instanceof Refused) {
           clearTimeout(patience);
-          return this.offerFile(session, error.reason === "file" ? "file" : "offline");
+          this.offerFile(session, error.reason === "file" ? "file" : "offline");
+          return;
         }
       }
       await pause(wait.next().value);
@@ -264,14 +273,14 @@ class Study {
 }
 
 /** Parameters of links, as `experiment/links.py` and recruiting platforms know them. */
-const PARAMETERS = [
+const PARAMETERS = new Set([
   "lab", "preview", "simulation", "observer", "mode", "participant",
   "PROLIFIC_PID", "STUDY_ID", "SESSION_ID", "workerId", "assignmentId", "hitId",
-];
+]);
 
 async function main(): Promise<void> {
   const given = [...new URLSearchParams(location.search)];
-  const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.includes(name)));
+  const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));
   await new Study(await Outbox.open(), link).run();
 }
 

@@ -2,7 +2,7 @@
  * Records on their way to the server. A record is in IndexedDB before anything else happens, and
  * stays there until the whole session is known to be saved.
  */
-import { openDB, type IDBPDatabase } from "idb";
+import { openDB, type IDBPDatabase, type IDBPObjectStore } from "idb";
 
 import type { Body } from "./types";
 
@@ -14,6 +14,8 @@ export interface Entry {
 }
 
 const STORE = "records";
+
+type Store = IDBPObjectStore<unknown, [typeof STORE], typeof STORE, "readwrite">;
 
 export class Outbox {
   private memory = new Map<string, Entry>();
@@ -45,18 +47,26 @@ export class Outbox {
     }
   }
 
-  /** Keeps a record. Resolves when it is on the disk. The first one of a step stays. */
+  /**
+   * Keeps a record. Resolves when it is on the disk. The first one of a step stays, be it of this
+   * tab or of another.
+   */
   async put(session: string, seq: number, body: Body): Promise<void> {
     const key = keyOf(session, seq);
     if (this.memory.has(key)) return;
     const entry = { session, seq, body, saved: false };
-    this.memory.set(key, entry);
-    await this.write(entry);
+    const there = await this.change(async (store) => {
+      const found = (await store.get([session, seq])) as Entry | undefined;
+      if (!found) await store.add(entry);
+      return found;
+    });
+    // Only now may it be posted, or the other tab's record would be marked as saved.
+    if (!this.memory.has(key)) this.memory.set(key, there ?? entry);
   }
 
   async markSaved(entry: Entry): Promise<void> {
     entry.saved = true;
-    await this.write(entry);
+    await this.change((store) => store.put(entry));
   }
 
   /** Sends records again that the server says it has not. */
@@ -87,13 +97,16 @@ export class Outbox {
     }
   }
 
-  private async write(entry: Entry): Promise<void> {
-    if (!this.database) return;
+  /** Changes the disk in one transaction; without a disk, or with a full one, nothing is done. */
+  private async change<T>(work: (store: Store) => Promise<T>): Promise<T | undefined> {
     try {
-      const change = this.database.transaction(STORE, "readwrite", { durability: "strict" });
-      await Promise.all([change.store.put(entry), change.done]);
+      const change = this.database?.transaction(STORE, "readwrite", { durability: "strict" });
+      if (!change) return undefined;
+      const [result] = await Promise.all([work(change.store), change.done]);
+      return result;
     } catch {
       // The browser's disk is full: the record is in memory, and on its way to the server.
+      return undefined;
     }
   }
 }

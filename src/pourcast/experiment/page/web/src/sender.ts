@@ -35,6 +35,13 @@ export class Sender {
     if (this.running) await new Promise<void>((resolve) => this.idle.push(resolve));
   }
 
+  /** Takes up again what the server lacks, even what was refused: it may have been a proxy's no. */
+  resend(session: string, missing: number[]): void {
+    this.outbox.markUnsaved(session, missing);
+    for (const entry of this.outbox.of(session))
+      if (missing.includes(entry.seq)) this.refused.delete(entry);
+  }
+
   private next(): Entry | undefined {
     return this.outbox.unsaved().find((entry) => !this.refused.has(entry));
   }

@@ -2,11 +2,15 @@
 
 const PATIENCE = 400;
 
-type Said = { kind: "anybody" | "here" | "mine"; tab: string; key: string };
+type Said = { kind: "anybody" | "here" | "mine"; tab: string; key: string; at: number };
 
 export class Tabs {
   private channel: BroadcastChannel | null;
   private holds = false;
+  /** When this tab took the study [ms]: messages may cross, or come late to a tab that sleeps. */
+  private at = 0;
+  /** When any tab took it, as far as this one has heard. */
+  private latest = 0;
   private answered: () => void = () => undefined;
 
   /** Called when another tab took over. */
@@ -16,7 +20,7 @@ export class Tabs {
     private tab: string,
     private key: string,
   ) {
-    this.channel = "BroadcastChannel" in window ? new BroadcastChannel("pourcast") : null;
+    this.channel = openChannel();
     this.channel?.addEventListener("message", (event) => this.heard(event.data as Said));
   }
 
@@ -36,6 +40,8 @@ export class Tabs {
   /** Says that this tab has the study now. */
   take(): void {
     this.holds = true;
+    // Later than all that was heard of, even if the clock has not moved on since, or was set back.
+    this.at = this.latest = Math.max(Date.now(), this.latest + 1);
     this.say("mine");
   }
 
@@ -47,13 +53,28 @@ export class Tabs {
     if (said.key !== this.key || said.tab === this.tab) return;
     if (said.kind === "anybody" && this.holds) this.say("here");
     if (said.kind === "here") this.answered();
-    if (said.kind === "mine" && this.holds) {
-      this.holds = false;
-      this.onTaken();
-    }
+    if (said.kind === "mine") this.hearOfTaking(said);
+  }
+
+  /** Of two tabs that took the study at once, one keeps it: the same in the eyes of both. */
+  private hearOfTaking(said: Said): void {
+    this.latest = Math.max(this.latest, said.at);
+    const later = said.at > this.at || (said.at === this.at && said.tab > this.tab);
+    if (!this.holds || !later) return;
+    this.holds = false;
+    this.onTaken();
   }
 
   private say(kind: Said["kind"]): void {
-    this.channel?.postMessage({ kind, tab: this.tab, key: this.key } satisfies Said);
+    this.channel?.postMessage({ kind, tab: this.tab, key: this.key, at: this.at } satisfies Said);
+  }
+}
+
+/** None where the browser has none, or forbids it, as Firefox does where cookies are blocked. */
+function openChannel(): BroadcastChannel | null {
+  try {
+    return new BroadcastChannel("pourcast");
+  } catch {
+    return null;
   }
 }

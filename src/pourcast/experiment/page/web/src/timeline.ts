@@ -7,13 +7,21 @@ import type { JsPsych } from "jspsych";
 
 import type { Media } from "./media";
 import film from "./plugins/film";
-import form, { type Question } from "./plugins/form";
+import form from "./plugins/form";
 import slider from "./plugins/slider";
 import type { Body, End, Session, Step } from "./types";
 import { Watch } from "./watch";
 import { escaped, fill, pageOf } from "./words";
 
-type Node = any; // jsPsych's own type of a timeline is too wide to help here.
+/** A trial, or trials in a row, as jsPsych describes them. */
+type Node = Exclude<Extract<Parameters<JsPsych["run"]>[0], unknown[]>[number], unknown[]>;
+
+/** What a plugin has found: its data, which jsPsych doesn't know the types of. */
+interface Found {
+  response?: number | null;
+  rt?: number | null;
+  [column: string]: unknown;
+}
 
 const SLOW = 8000;
 
@@ -53,7 +61,7 @@ export class Timeline {
   }
 
   private get texts() {
-    return this.around.session.texts as any;
+    return this.around.session.texts;
   }
 
   private get goal() {
@@ -87,9 +95,9 @@ export class Timeline {
     html: string | (() => string),
     choices: string[],
     chosen: (button: number) => void = () => undefined,
-    extra: Node = {},
+    extra: { [parameter: string]: unknown } = {},
   ): Node {
-    let watch: Watch;
+    let watch: Watch | undefined;
     const content = typeof html === "string" ? () => html : html;
     return {
       type: buttons,
@@ -100,21 +108,21 @@ export class Timeline {
         const all = document.querySelectorAll<HTMLElement>("#page button");
         all[all.length - 1]?.focus();
       },
-      on_finish: (data: any) => {
+      on_finish: (data: Found) => {
         Object.assign(data, watch?.stop(), { rt: (data.rt ?? 0) / 1000 });
-        chosen(data.response);
+        if (typeof data.response === "number") chosen(data.response);
       },
       ...extra,
     };
   }
 
   /** Keeps what the trial before has found, and only then goes on. */
-  private keep(step: Step, body: (last: any) => Body = () => ({})): Node {
+  private keep(step: Step, body: (last: Found) => Body = () => ({})): Node {
     return {
       type: callFunction,
       async: true,
       func: (done: () => void) => {
-        const last = this.around.jsPsych.data.get().last(1).values()[0] ?? {};
+        const [last = {}] = this.around.jsPsych.data.get().last(1).values() as Found[];
         const watched = {
           rt: last.rt ?? 0,
           window_width: last.window_width ?? window.innerWidth,
@@ -170,7 +178,7 @@ export class Timeline {
     const { session } = this.around;
     const texts = this.texts.check;
     let tries = 1;
-    let found: any = {};
+    let found: { browser?: string; browser_version?: string; os?: string; mobile?: boolean; vsync_rate?: number } = {};
     const small = () =>
       window.innerWidth < session.minimum_width || window.innerHeight < session.minimum_height;
     const tooSmall = () =>
@@ -194,7 +202,7 @@ export class Timeline {
         vsync_frame_count: 30,
         allow_window_resize: false,
         simulation_options: { simulate: false },
-        on_finish: (data: any) => (found = { ...data }),
+        on_finish: (data: typeof found) => (found = { ...data }),
       },
       {
         timeline: [page],
@@ -202,9 +210,9 @@ export class Timeline {
         loop_function: small,
       },
       this.keep(step, () => ({
-        browser: String(found.browser ?? ""),
-        browser_version: String(found.browser_version ?? ""),
-        system: String(found.os ?? ""),
+        browser: found.browser ?? "",
+        browser_version: found.browser_version ?? "",
+        system: found.os ?? "",
         mobile: Boolean(found.mobile),
         refresh_rate: Number.isFinite(found.vsync_rate) ? found.vsync_rate : null,
         language: navigator.language,
@@ -216,7 +224,7 @@ export class Timeline {
   private instructions(step: Step): Node[] {
     const { session } = this.around;
     const pages = this.instructionPages();
-    const questions = this.texts.quiz[this.goal].questions as Question[];
+    const questions = this.texts.quiz[this.goal].questions ;
     const quiz = this.texts.quiz;
     const attempts: number[][] = [];
     const began = performance.now();
@@ -238,7 +246,7 @@ export class Timeline {
       body: () => (attempts.length ? quiz.wrong : quiz.body),
       questions,
       button: quiz.button,
-      on_finish: (data: any) => {
+      on_finish: (data: { choices: number[] }) => {
         attempts.push(data.choices);
         passed = questions.every((one, k) => data.choices[k] === one.right);
       },
@@ -272,7 +280,7 @@ export class Timeline {
       test: count("test"),
       blocks: this.blocks(),
     });
-    const bodies = [...texts[this.goal].pages, end] as string[];
+    const bodies = [...texts[this.goal].pages, end];
     bodies[0] += `\n\n${liquids.map((liquid) => texts.liquid[liquid]).join(" ")}`;
     return bodies.map((body) => pageOf(texts.title, body));
   }
@@ -320,7 +328,7 @@ export class Timeline {
     let url = "";
     const words = {
       progress: this.count(step),
-      question: fill(own.question, { liquid: texts.liquid[liquid] }),
+      question: fill(own.question, { liquid: texts.liquid[liquid] ?? liquid }),
       picture: texts.picture,
       slider: own.slider,
       low: own.low,

@@ -1,6 +1,5 @@
-/** What the server tells of a session. `experiment/server.py` writes it. */
-
-export type Words = { [key: string]: any };
+/** What the server tells of a session. `experiment/server/app.py` writes it. */
+import type { Texts } from "./texts";
 
 export type Goal = "basins" | "cup";
 
@@ -25,7 +24,7 @@ export interface SliderDesign {
 
 /** What is the same for all sessions of an experiment. */
 export interface Experiment {
-  texts: Words;
+  texts: Texts;
   goal: Goal;
   aspect: number;
   contact: string;

@@ -1,8 +1,8 @@
 /** Words for the page: filled in, and escaped before they become HTML. */
 
 export function fill(text: string, values: { [name: string]: string | number }): string {
-  return text.replace(/\{(\w+)\}/g, (whole, name) =>
-    name in values ? String(values[name]) : whole,
+  return text.replace(/\{(\w+)\}/g, (whole, name: string) =>
+    Object.hasOwn(values, name) ? String(values[name]) : whole,
   );
 }
 

@@ -64,10 +64,10 @@ export default class FilmPlugin implements JsPsychPlugin<Info> {
       button.focus();
       if (!how) (display.querySelector(".hint") as HTMLElement).textContent = words["unplayable"] ?? "";
     };
-    let timer = setTimeout(() => end(false), trial.patience as number);
+    let timer = setTimeout(() => end(false), trial.patience);
     const alive = () => {
       clearTimeout(timer);
-      if (!over) timer = setTimeout(() => end(false), trial.patience as number);
+      if (!over) timer = setTimeout(() => end(false), trial.patience);
     };
     video.setAttribute("aria-label", words["picture"] ?? "");
     video.muted = true;
@@ -75,17 +75,17 @@ export default class FilmPlugin implements JsPsychPlugin<Info> {
     video.addEventListener("waiting", () => (stalls += 1));
     video.addEventListener("ended", () => end(true));
     video.addEventListener("error", () => end(false));
-    video.src = trial.stimulus as string;
+    video.src = trial.stimulus;
     video.play().catch(() => end(false));
     button.addEventListener("click", () => {
       const seen = watch.stop();
-      const quality = video.getVideoPlaybackQuality?.();
+      const quality = video.getVideoPlaybackQuality();
       this.jsPsych.finishTrial({
         played,
         stalls,
         rt: Math.round(performance.now() - began) / 1000,
         ...seen,
-        dropped_frames: quality?.droppedVideoFrames ?? 0,
+        dropped_frames: quality.droppedVideoFrames,
       });
     });
   }

@@ -1,6 +1,7 @@
 /** Questions on one page: choices, or a text; answered with mouse or keyboard. */
 import { ParameterType, type JsPsych, type JsPsychPlugin, type TrialType } from "jspsych";
 
+import type { Question } from "../texts";
 import { WATCHED, Watch } from "../watch";
 import { escaped, paragraphs } from "../words";
 
@@ -28,7 +29,6 @@ const info = {
 } as const;
 
 type Info = typeof info;
-export type Question = { question: string; choices: string[]; right: number };
 
 const LONGEST_TEXT = 5000;
 

@@ -58,6 +58,17 @@ type Input = "mouse" | "touch" | "keyboard" | "none";
 const STEP = 0.01;
 const LEAP = 0.1;
 const LONGEST_TRAJECTORY = 2000;
+/** How far a key moves the handle. */
+const SIZES = new Map([
+  ["ArrowLeft", -STEP],
+  ["ArrowDown", -STEP],
+  ["ArrowRight", STEP],
+  ["ArrowUp", STEP],
+  ["PageDown", -LEAP],
+  ["PageUp", LEAP],
+  ["Home", -1],
+  ["End", 1],
+]);
 /** A key that is still down from the trial before hands nothing in. */
 const DEAF = 200;
 
@@ -167,7 +178,7 @@ class Slider {
   }
 
   private async show(picture: HTMLImageElement): Promise<void> {
-    picture.src = this.trial.stimulus as string;
+    picture.src = this.trial.stimulus;
     await picture.decode().catch(() => undefined);
     this.start = this.firstPlace();
     if (this.start !== null) this.value = this.start;
@@ -207,6 +218,7 @@ class Slider {
 
   private point(event: PointerEvent): void {
     const box = this.bar.getBoundingClientRect();
+    if (!box.width) return; // A bar that is not to be seen has no places.
     this.move((event.clientX - box.left) / box.width, event.pointerType === "mouse" ? "mouse" : "touch");
   }
 
@@ -216,11 +228,7 @@ class Slider {
       if (!event.repeat && performance.now() - this.began > DEAF) this.submit();
       return;
     }
-    const sizes: { [key: string]: number } = {
-      ArrowLeft: -STEP, ArrowDown: -STEP, ArrowRight: STEP, ArrowUp: STEP,
-      PageDown: -LEAP, PageUp: LEAP, Home: -1, End: 1,
-    }; // prettier-ignore
-    const size = sizes[event.key];
+    const size = SIZES.get(event.key);
     if (size === undefined || event.altKey || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
     const larger = event.shiftKey && Math.abs(size) === STEP ? 10 : 1;

@@ -4,10 +4,17 @@ import type { Body, End, Session } from "../types";
 import { farewellOf, fetchPlan, missingOf, openingOf, sessionOf, type Opening, type Plan } from "./planned";
 import { Refused, type Ended, type Transport } from "./transport";
 
+/** What JATOS keeps for a run, and tells after a reload. */
+interface Remembered {
+  pourcast?: Opening;
+  /** Whether the line that opens the session is among the results. */
+  pourcastOpened?: boolean;
+}
+
 /** The part of jatos.js that is used. */
 interface Jatos {
   onLoad(callback: () => void): void;
-  studySessionData: { pourcast?: Opening };
+  studySessionData: Remembered;
   setStudySessionData(data: object): Promise<unknown>;
   appendResultData(data: string): Promise<unknown>;
   urlQueryParameters?: { [name: string]: string };
@@ -25,14 +32,18 @@ export class JatosTransport implements Transport {
 
   async begin(request: string): Promise<Session> {
     const plan = await this.fetched();
-    // A run that is reloaded goes on, even where the browser remembers nothing.
-    const known = jatos.studySessionData.pourcast;
-    if (known) return sessionOf(plan, known);
     const identifiers = { ...this.link, ...jatos.urlQueryParameters };
-    const opening = openingOf(plan, "jatos", identifiers, request);
-    await jatos.setStudySessionData({ ...jatos.studySessionData, pourcast: opening });
-    await jatos.appendResultData(`${JSON.stringify(opening)}\n`);
-    return sessionOf(plan, opening);
+    // A run that is reloaded goes on, even where the browser remembers nothing.
+    const opening =
+      jatos.studySessionData.pourcast ?? openingOf(plan, "jatos", identifiers, request);
+    const session = sessionOf(plan, opening);
+    if (!jatos.studySessionData.pourcastOpened) {
+      await this.remember({ pourcast: opening });
+      // Records without this line belong to nobody: rather twice than never.
+      await jatos.appendResultData(`${JSON.stringify(opening)}\n`);
+      await this.remember({ pourcast: opening, pourcastOpened: true });
+    }
+    return session;
   }
 
   async resume(token: string): Promise<Session> {
@@ -50,19 +61,25 @@ export class JatosTransport implements Transport {
 
   async finish(_token: string, end: End, entries: Entry[]): Promise<Ended> {
     const plan = await this.fetched();
-    const session = sessionOf(plan, jatos.studySessionData.pourcast as Opening);
+    const session = sessionOf(plan, this.opening());
     const missing = end === "complete" ? missingOf(session, entries) : [];
     if (missing.length) return { missing };
     await jatos.endStudyWithoutRedirect?.(end === "complete");
     return { missing: [], ...farewellOf(plan, end, session.code) };
   }
 
-  opening(): object {
-    return jatos.studySessionData.pourcast as Opening;
+  opening(): Opening {
+    const known = jatos.studySessionData.pourcast;
+    if (!known) throw new Refused("gone", 410);
+    return known;
   }
 
   mediaUrl(name: string): string {
     return `media/${name}`;
+  }
+
+  private async remember(what: Remembered): Promise<void> {
+    await jatos.setStudySessionData({ ...jatos.studySessionData, ...what });
   }
 
   private async fetched(): Promise<Plan> {

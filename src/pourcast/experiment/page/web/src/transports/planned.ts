@@ -74,7 +74,7 @@ export function sessionOf(plan: Plan, opening: Opening): Session {
 export function farewellOf(plan: Plan, end: End, own: string): Farewell {
   const given = end === "declined" ? "" : plan.codes[end];
   const code = given || (end === "complete" ? own : "");
-  return { code, redirect: given ? plan.redirect.replace("{code}", code) : "" };
+  return { code, redirect: code ? plan.redirect.replaceAll("{code}", () => code) : "" };
 }
 
 /** A session as JSON Lines, which `pourcast experiment data --import` takes. */

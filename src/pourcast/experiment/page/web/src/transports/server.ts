@@ -1,6 +1,6 @@
 /** Our own server, `experiment/server.py`. */
 import type { Body, End, Session } from "../types";
-import { Refused, type Ended, type Transport } from "./transport";
+import { isPassing, Refused, type Ended, type Transport } from "./transport";
 
 const TIMEOUT = 20_000;
 
@@ -43,9 +43,9 @@ export class ServerTransport implements Transport {
       cache: "no-store",
     });
     if (answer.ok) return (await answer.json()) as T;
-    if (answer.status >= 500 || answer.status === 408)
-      throw new Error(`status ${answer.status}`);
-    const said = await answer.json().catch(() => ({}));
+    const said = (await answer.json().catch(() => ({}))) as { refused?: string; text?: string };
+    // A refusal of our server's is final, even where a proxy's answer of this status would pass.
+    if (!said.refused && isPassing(answer.status)) throw new Error(`status ${answer.status}`);
     throw new Refused(said.refused ?? "broken", answer.status, said.text);
   }
 }

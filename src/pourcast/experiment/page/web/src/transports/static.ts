@@ -5,25 +5,32 @@ import {
   farewellOf,
   fetchPlan,
   lines,
+  missingOf,
   openingOf,
   sessionOf,
   type Opening,
   type Plan,
 } from "./planned";
-import { Refused, type Ended, type Transport } from "./transport";
+import { isPassing, Refused, type Ended, type Transport } from "./transport";
 
 const DATAPIPE = "https://pipe.jspsych.org/api/data/";
 const TIMEOUT = 30_000;
 
 export class StaticTransport implements Transport {
   private plan: Promise<Plan> | null = null;
+  private openings = new Map<string, Opening>();
 
   constructor(private link: { [name: string]: string }) {}
 
   async begin(request: string): Promise<Session> {
     const plan = await this.fetched();
-    const opening = openingOf(plan, "static", this.link, request);
-    localStorage.setItem(keyOf(request), JSON.stringify(opening));
+    const opening = this.known(request) ?? openingOf(plan, "static", this.link, request);
+    this.openings.set(request, opening);
+    try {
+      localStorage.setItem(keyOf(request), JSON.stringify(opening));
+    } catch {
+      // Without it a reload begins anew.
+    }
     return sessionOf(plan, opening);
   }
 
@@ -31,25 +38,43 @@ export class StaticTransport implements Transport {
     return sessionOf(await this.fetched(), this.opening(token));
   }
 
-  async save(): Promise<{ superseded: boolean }> {
-    return { superseded: false }; // It is in IndexedDB; there is nobody else to tell yet.
+  save(): Promise<{ superseded: boolean }> {
+    return Promise.resolve({ superseded: false }); // It is in IndexedDB; nobody else is told yet.
   }
 
   async finish(token: string, end: End, entries: Entry[]): Promise<Ended> {
     const plan = await this.fetched();
     const opening = this.opening(token);
+    const session = sessionOf(plan, opening);
+    const missing = end === "complete" ? missingOf(session, entries) : [];
+    if (missing.length) return { missing };
     if (end !== "declined") {
       if (!plan.datapipe) throw new Refused("file", 200);
       await this.send(plan, token, lines(opening, token, entries));
     }
-    localStorage.removeItem(keyOf(token));
-    return { missing: [], ...farewellOf(plan, end, sessionOf(plan, opening).code) };
+    try {
+      localStorage.removeItem(keyOf(token));
+    } catch {
+      // There is nothing to be removed.
+    }
+    return { missing: [], ...farewellOf(plan, end, session.code) };
   }
 
   opening(token: string): Opening {
-    const text = localStorage.getItem(keyOf(token));
-    if (!text) throw new Refused("gone", 410);
-    return JSON.parse(text) as Opening;
+    const opening = this.known(token);
+    if (!opening) throw new Refused("gone", 410);
+    return opening;
+  }
+
+  private known(token: string): Opening | undefined {
+    const own = this.openings.get(token);
+    if (own) return own;
+    try {
+      const text = localStorage.getItem(keyOf(token));
+      return text ? (JSON.parse(text) as Opening) : undefined;
+    } catch {
+      return undefined;
+    }
   }
 
   mediaUrl(name: string): string {
@@ -64,15 +89,15 @@ export class StaticTransport implements Transport {
       signal: AbortSignal.timeout(TIMEOUT),
     });
     if (answer.ok) return;
-    const said = await answer.json().catch(() => ({}));
+    const said = (await answer.json().catch(() => ({}))) as { error?: string };
     // It has a file of this name: an earlier try came through, only its answer didn't.
-    if (/FILE_EXISTS$/.test(said.error ?? "")) return;
-    if (answer.status < 500) throw new Refused("offline", answer.status);
-    throw new Error(`status ${answer.status}`);
+    if (said.error?.endsWith("FILE_EXISTS")) return;
+    if (isPassing(answer.status)) throw new Error(`status ${answer.status}`);
+    throw new Refused("offline", answer.status);
   }
 
   private fetched(): Promise<Plan> {
-    this.plan ??= fetchPlan().catch((error) => {
+    this.plan ??= fetchPlan().catch((error: unknown) => {
       this.plan = null;
       throw error;
     });

@@ -14,6 +14,11 @@ export class Refused extends Error {
   }
 }
 
+/** Whether an answer of this status may be another one a moment later. */
+export function isPassing(status: number): boolean {
+  return status >= 500 || status === 408 || status === 429;
+}
+
 export type Ended = { missing: number[] } & Partial<Farewell>;
 
 export interface Transport {

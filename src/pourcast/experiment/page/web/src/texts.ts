@@ -1,0 +1,68 @@
+/** All that participants read; `experiment/design/texts/en.toml` has it in English. */
+import type { Goal } from "./types";
+
+interface Titled {
+  title: string;
+  body: string;
+}
+
+interface Buttoned extends Titled {
+  button: string;
+}
+
+/** A question about the instructions, and the number of the right choice. */
+export interface Question {
+  question: string;
+  choices: string[];
+  right: number;
+}
+
+/** How a goal is asked for. */
+interface Asked {
+  question: string;
+  slider: string;
+  low: string;
+  high: string;
+  value: string;
+}
+
+type Liquids = { [liquid: string]: string };
+
+export interface Texts {
+  page: { title: string; continue: string; back: string; loading: string; loading_slow: string; saving: string };
+  consent: Titled & { contact: string; agree: string; agree_button: string; decline_button: string };
+  check: Titled & { too_small: string; again: string; leave: string };
+  fullscreen: Buttoned;
+  instructions: Record<Goal, { pages: string[] }> & {
+    title: string;
+    liquid: Liquids;
+    end: { body: string };
+  };
+  quiz: Record<Goal, { questions: Question[] }> & Buttoned & { wrong: string };
+  trial: Record<Goal, Asked> & {
+    practice: string;
+    test: string;
+    picture: string;
+    unset: string;
+    set: string;
+    button: string;
+    liquid: Liquids;
+  };
+  film: { title: string; picture: string; unplayable: string };
+  practice_end: Buttoned;
+  break: Buttoned;
+  debrief: Buttoned & { label: string };
+  end: Titled & {
+    code: string;
+    redirect: string;
+    close: string;
+    offline: string;
+    file: string;
+    offline_code: string;
+    download: string;
+  };
+  resume: Buttoned & { anew: string };
+  tabs: Buttoned & { moved: string };
+  /** Why a session can't begin or go on, by the reason. */
+  stop: { [reason: string]: string };
+}

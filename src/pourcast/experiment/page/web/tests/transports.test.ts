@@ -1,0 +1,477 @@
+/** Each transport keeps the contract of `transport.ts`, whoever keeps the records behind it. */
+import * as fc from "fast-check";
+import { describe, expect, it, vi } from "vitest";
+
+import type { Entry } from "../src/outbox";
+import { makeTransport } from "../src/transports";
+import { JatosTransport } from "../src/transports/jatos";
+import { farewellOf, lines, missingOf, openingOf, sessionOf } from "../src/transports/planned";
+import { ServerTransport } from "../src/transports/server";
+import { StaticTransport } from "../src/transports/static";
+import { isPassing, Refused, type Transport } from "../src/transports/transport";
+import { JatosHost, OurServer, planOf, STEPS, WebHost, type Network } from "./hosts";
+
+interface Made {
+  network: Network;
+  /** The transport of a page that has just been loaded. */
+  page: () => Transport;
+}
+
+const LINK = { participant: "p1" };
+
+const MEMBERS: { [name: string]: () => Made } = {
+  server: () => ({ network: new OurServer().install(), page: () => new ServerTransport(LINK) }),
+  jatos: () => {
+    const network = new JatosHost().install();
+    return { network, page: () => (network.load(), new JatosTransport(LINK)) };
+  },
+  static: () => ({ network: new WebHost().install(), page: () => new StaticTransport(LINK) }),
+};
+
+function entriesOf(token: string, numbers: number[]): Entry[] {
+  return numbers.map((seq) => ({ session: token, seq, body: { x: seq }, saved: true }));
+}
+
+const ALL = STEPS.map(({ seq }) => seq);
+
+/** Saves all that is asked for; returns the entries, as the outbox would hold them. */
+async function saveAll(transport: Transport, token: string, numbers = ALL): Promise<Entry[]> {
+  const entries = entriesOf(token, numbers);
+  for (const { seq, body } of entries) await transport.save(token, seq, body, "tab");
+  return entries;
+}
+
+async function refusal(asked: Promise<unknown>): Promise<Refused> {
+  const error: unknown = await asked.then(() => null, (reason: unknown) => reason);
+  expect(error).toBeInstanceOf(Refused);
+  return error as Refused;
+}
+
+describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => {
+  const make = MEMBERS[name] as () => Made;
+
+  it("begins a session that is open, with steps of which none is done", async () => {
+    const session = await make().page().begin("request-1", "tab");
+    expect(session.token).not.toBe("");
+    expect(session.code).not.toBe("");
+    expect(session.state).toBe("open");
+    expect(new Set(session.steps.map(({ seq }) => seq))).toEqual(new Set(ALL));
+    expect(session.done).toEqual([]);
+  });
+
+  it("has one session for one request, however often it is posted", async () => {
+    const { page } = make();
+    // Places are drawn: eight draws would hardly be the same by chance.
+    const sessions = [];
+    for (let k = 0; k < 8; k++) sessions.push(await page().begin("request-1", "tab"));
+    const [first, ...others] = sessions;
+    for (const other of others) expect(other).toEqual(first);
+  });
+
+  it("goes on with a session after a reload", async () => {
+    const { page } = make();
+    const begun = await page().begin("request-1", "tab");
+    const resumed = await page().resume(begun.token, "another tab");
+    expect(resumed).toEqual(begun);
+  });
+
+  it("refuses a session that nobody knows as gone, before and after another has begun", async () => {
+    const { page } = make();
+    expect((await refusal(page().resume("unknown", "tab"))).reason).toBe("gone");
+    await page().begin("request-1", "tab");
+    expect((await refusal(page().resume("unknown", "tab"))).reason).toBe("gone");
+  });
+
+  it("saves a record, and the same one once more", async () => {
+    const transport = make().page();
+    const { token } = await transport.begin("request-1", "tab");
+    expect(await transport.save(token, 0, { x: 1 }, "tab")).toMatchObject({ superseded: false });
+    expect(await transport.save(token, 0, { x: 1 }, "tab")).toMatchObject({ superseded: false });
+  });
+
+  it("ends a session that is complete, with code and way back", async () => {
+    const transport = make().page();
+    const { token } = await transport.begin("request-1", "tab");
+    const entries = await saveAll(transport, token);
+    const ended = await transport.finish(token, "complete", entries);
+    expect(ended).toEqual({ missing: [], code: "DONE1", redirect: "https://app.example.org/?cc=DONE1" });
+  });
+
+  it("names what is missing, and ends when it is there", async () => {
+    const transport = make().page();
+    const { token } = await transport.begin("request-1", "tab");
+    const entries = await saveAll(transport, token, [1]);
+    const said = await transport.finish(token, "complete", entries);
+    expect(new Set(said.missing)).toEqual(new Set([0, 2]));
+    expect(said.code).toBeUndefined();
+    entries.push(...(await saveAll(transport, token, [0, 2])));
+    expect(await transport.finish(token, "complete", entries)).toMatchObject({ missing: [], code: "DONE1" });
+  });
+
+  it("ends a session of somebody who declined, without a code", async () => {
+    const transport = make().page();
+    const { token } = await transport.begin("request-1", "tab");
+    expect(await transport.finish(token, "declined", [])).toEqual({ missing: [], code: "", redirect: "" });
+  });
+
+  it("opens the file that a participant downloads", async () => {
+    const transport = make().page();
+    const { token } = await transport.begin("request-1", "tab");
+    const opening = { format: "pourcast-records", schema_version: 1, session: token };
+    expect(transport.opening(token)).toMatchObject(opening);
+  });
+
+  it("has stimuli beside the page", () => {
+    expect(make().page().mediaUrl("a.png")).toBe("media/a.png");
+  });
+
+  it.each(["unreachable", 500, 502, 503, 408, 429, "nonsense"] as const)(
+    "takes %s for a fault that passes: whoever asks again gets the session",
+    async (fault) => {
+      const { network, page } = make();
+      network.failures = [fault];
+      const transport = page();
+      const error: unknown = await transport.begin("request-1", "tab").catch((reason: unknown) => reason);
+      expect(error).toBeInstanceOf(Error);
+      expect(error).not.toBeInstanceOf(Refused);
+      const { token } = await transport.begin("request-1", "tab");
+      await saveAll(transport, token);
+      network.failures = [fault];
+      const resumed = page();
+      const again: unknown = await resumed.resume(token, "tab").catch((reason: unknown) => reason);
+      expect(again).not.toBeInstanceOf(Refused);
+      expect((await resumed.resume(token, "tab")).token).toBe(token);
+    },
+  );
+});
+
+describe("the folder of transports", () => {
+  it("has none that the contract is not tested on", () => {
+    const modules = import.meta.glob<{ [name: string]: unknown }>("../src/transports/*.ts", { eager: true });
+    const kinds = Object.values(modules)
+      .flatMap((module) => Object.values(module))
+      .filter((one) => typeof one === "function" && "begin" in ((one.prototype ?? {}) as object));
+    new JatosHost().install();
+    const tested = Object.values(MEMBERS).map((make) => make().page().constructor);
+    expect(new Set(tested)).toEqual(new Set(kinds));
+    expect(kinds.length).toBeGreaterThan(2);
+  });
+});
+
+describe("our server", () => {
+  it("is told who asks, and by which tab", async () => {
+    const network = new OurServer().install();
+    const transport = new ServerTransport(LINK);
+    const { token } = await transport.begin("request-1", "tab-1");
+    await transport.save(token, 1, { response: 0.5 }, "tab-1");
+    await transport.resume(token, "tab-2");
+    await transport.finish(token, "screened_out");
+    const asked = network.requests.map(({ method, url, content }) => ({ method, url, content }));
+    expect(asked).toEqual([
+      { method: "POST", url: "api/sessions", content: { request: "request-1", tab: "tab-1", link: LINK } },
+      { method: "PUT", url: "api/session/records/1", content: { tab: "tab-1", body: { response: 0.5 } } },
+      { method: "POST", url: "api/session/resume", content: { tab: "tab-2" } },
+      { method: "POST", url: "api/session/finish", content: { state: "screened_out" } },
+    ]);
+    const authorized = network.requests.map(({ headers }) => headers.get("Authorization"));
+    expect(authorized).toEqual([null, ...Array<string>(3).fill(`Bearer ${token}`)]);
+  });
+
+  it("tells a tab that another one has the session", async () => {
+    new OurServer().install();
+    const transport = new ServerTransport(LINK);
+    const { token } = await transport.begin("request-1", "tab-1");
+    await transport.resume(token, "tab-2");
+    expect(await transport.save(token, 0, {}, "tab-1")).toMatchObject({ superseded: true });
+    expect(await transport.save(token, 1, {}, "tab-2")).toMatchObject({ superseded: false });
+    await transport.resume(token); // Only looks.
+    expect(await transport.save(token, 2, {}, "tab-2")).toMatchObject({ superseded: false });
+  });
+
+  it("has the record once when its answer is lost", async () => {
+    const network = new OurServer().install();
+    const transport = new ServerTransport(LINK);
+    const { token } = await transport.begin("request-1", "tab");
+    network.failures = ["no answer"];
+    await expect(transport.save(token, 0, { x: 1 }, "tab")).rejects.toThrow("Failed to fetch");
+    await transport.save(token, 0, { x: 1 }, "tab");
+    expect([...(network.sessions.get(token)?.kept ?? [])]).toEqual([[0, { x: 1 }]]);
+  });
+
+  it.each([
+    [403, { refused: "full", text: "All places are taken." }, "full", "All places are taken."],
+    [429, { refused: "busy", text: "Too many." }, "busy", "Too many."],
+    [401, { refused: "gone", text: "Gone." }, "gone", "Gone."],
+    [404, { error: "no such step" }, "broken", ""],
+    [422, { error: "body: field required" }, "broken", ""],
+    [413, "at most 65536 bytes", "broken", ""],
+  ])("refuses with %i for good, and says why", async (status, content, reason, text) => {
+    vi.stubGlobal("fetch", async () => new Response(JSON.stringify(content), { status }));
+    const refused = await refusal(new ServerTransport(LINK).begin("request-1", "tab"));
+    expect(refused).toMatchObject({ reason, status, text });
+  });
+
+  it("is given up when it keeps silent, and asked anew", async () => {
+    const limit = vi.spyOn(AbortSignal, "timeout");
+    new OurServer().install();
+    await new ServerTransport(LINK).begin("request-1", "tab");
+    expect(limit).toHaveBeenCalledOnce();
+    expect(limit.mock.calls[0]?.[0]).toBeLessThanOrEqual(30_000);
+  });
+});
+
+describe("JATOS", () => {
+  const parsed = (results: string) =>
+    results.trim().split("\n").map((line) => JSON.parse(line) as { [key: string]: unknown });
+
+  it("gets a line that opens the session, then each record as it comes", async () => {
+    const network = new JatosHost().install();
+    const transport = new JatosTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    const entries = await saveAll(transport, token);
+    const [opening, ...records] = parsed(network.results);
+    expect(opening).toEqual(transport.opening());
+    expect(opening).toMatchObject({ entry: "jatos", identifiers: { participant: "p1", PROLIFIC_PID: "p7" } });
+    expect(records).toEqual(entries.map(({ session, seq, body }) => ({ session, seq, body })));
+    await transport.finish(token, "complete", entries);
+    expect(network.ended).toBe(true);
+  });
+
+  it("goes on with a run even where the browser remembers nothing", async () => {
+    const network = new JatosHost().install();
+    const { token } = await new JatosTransport(LINK).begin("request-1");
+    network.load();
+    const again = await new JatosTransport(LINK).begin("another request");
+    expect(again.token).toBe(token);
+    expect(parsed(network.results)).toHaveLength(1);
+  });
+
+  it.each([0, 1, 2])("has the line that opens the session, though transfer %i is lost", async (after) => {
+    const network = new JatosHost().install();
+    network.lost = { after, count: 1 };
+    const transport = new JatosTransport(LINK);
+    await expect(transport.begin("request-1")).rejects.toThrow("can't be reached");
+    const { token } = await transport.begin("request-1");
+    await transport.save(token, 0, {});
+    const [opening, ...records] = parsed(network.results);
+    expect(opening).toEqual(transport.opening());
+    expect(records.filter((line) => "format" in line)).toEqual([]);
+  });
+
+  it.each([0, 1, 2])("has it, too, when transfer %i is lost and the page is reloaded", async (after) => {
+    const network = new JatosHost().install();
+    network.lost = { after, count: 1 };
+    await expect(new JatosTransport(LINK).begin("request-1")).rejects.toThrow("can't be reached");
+    network.load();
+    const transport = new JatosTransport(LINK);
+    await transport.begin("request-1");
+    const openings = parsed(network.results);
+    expect(openings.length).toBeGreaterThan(0);
+    for (const opening of openings) expect(opening).toEqual(transport.opening());
+  });
+
+  it("is told of a session that did not succeed, too", async () => {
+    const network = new JatosHost().install();
+    const transport = new JatosTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    await transport.finish(token, "failed_check", []);
+    expect(network.ended).toBe(false);
+  });
+
+  it("isn't told of the end while something is missing", async () => {
+    const network = new JatosHost().install();
+    const transport = new JatosTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    await transport.finish(token, "complete", []);
+    expect(network.ended).toBeNull();
+  });
+
+  it("says that a record could not be saved, so that it is posted again", async () => {
+    const network = new JatosHost().install();
+    const transport = new JatosTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    network.lost.count = 1;
+    await expect(transport.save(token, 0, {})).rejects.toThrow("can't be reached");
+  });
+});
+
+describe("a static folder", () => {
+  it("sends all records at the end, as one file", async () => {
+    const network = new WebHost().install();
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    const opening = transport.opening(token);
+    const entries = entriesOf(token, ALL);
+    await transport.finish(token, "complete", entries);
+    expect([...network.files]).toEqual([[`${token}.jsonl`, lines(opening, token, entries)]]);
+    expect(network.requests.at(-1)?.content["experimentID"]).toBe("ABC123");
+  });
+
+  it("sends what there is when a session ends early, and nothing of somebody who declined", async () => {
+    const network = new WebHost().install();
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    await transport.finish(token, "screened_out", entriesOf(token, [0]));
+    expect(network.files.size).toBe(1);
+    const other = await transport.begin("request-2");
+    await transport.finish(other.token, "declined", entriesOf(other.token, [0]));
+    expect(network.files.size).toBe(1);
+  });
+
+  it("sends nothing while something is missing", async () => {
+    const network = new WebHost().install();
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    await transport.finish(token, "complete", entriesOf(token, [0]));
+    expect(network.files.size).toBe(0);
+  });
+
+  it("has the file once when DataPipe's answer is lost", async () => {
+    const network = new WebHost().install();
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    network.failures = ["no answer"];
+    const entries = entriesOf(token, ALL);
+    await expect(transport.finish(token, "complete", entries)).rejects.toThrow("Failed to fetch");
+    expect(await transport.finish(token, "complete", entries)).toMatchObject({ code: "DONE1" });
+    expect(network.files.size).toBe(1);
+  });
+
+  it.each([429, 500, 503])("asks DataPipe again after %i", async (status) => {
+    const network = new WebHost().install();
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    const entries = entriesOf(token, ALL);
+    network.failures = [status];
+    const error: unknown = await transport.finish(token, "complete", entries).catch((reason: unknown) => reason);
+    expect(error).not.toBeInstanceOf(Refused);
+    expect(await transport.finish(token, "complete", entries)).toMatchObject({ code: "DONE1" });
+  });
+
+  it("offers a file when DataPipe refuses, and when there is none", async () => {
+    const network = new WebHost().install();
+    network.refuses = { status: 400, error: "EXPERIMENT_NOT_FOUND" };
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    const entries = entriesOf(token, ALL);
+    expect((await refusal(transport.finish(token, "complete", entries))).reason).toBe("offline");
+    new WebHost(planOf({ datapipe: "" })).install();
+    const alone = new StaticTransport(LINK);
+    const session = await alone.begin("request-2");
+    expect((await refusal(alone.finish(session.token, "complete", entriesOf(session.token, ALL)))).reason).toBe("file");
+    // The file can still be made, and after a reload, too.
+    expect(alone.opening(session.token)).toEqual(new StaticTransport(LINK).opening(session.token));
+  });
+
+  it("works where the browser keeps nothing, until the page is closed", async () => {
+    const forbid = () => {
+      throw new DOMException("The operation is insecure.", "SecurityError");
+    };
+    vi.stubGlobal("localStorage", { getItem: forbid, setItem: forbid, removeItem: forbid });
+    const network = new WebHost().install();
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    expect((await transport.resume(token)).token).toBe(token);
+    expect(await transport.finish(token, "complete", entriesOf(token, ALL))).toMatchObject({ code: "DONE1" });
+    expect(network.files.size).toBe(1);
+    expect((await refusal(new StaticTransport(LINK).resume(token))).reason).toBe("gone");
+  });
+
+  it("begins anew when its place is in the plan no more", async () => {
+    const network = new WebHost().install();
+    const { token } = await new StaticTransport(LINK).begin("request-1");
+    network.plan = planOf({ places: [{ group: 7, place: 7, steps: STEPS }] });
+    expect(await refusal(new StaticTransport(LINK).resume(token))).toMatchObject({
+      reason: "gone",
+      text: "It is gone.",
+    });
+  });
+});
+
+describe("a plan", () => {
+  it("gives each place its turn", () => {
+    const plan = planOf();
+    const drawn = new Set(
+      Array.from({ length: 64 }, () => openingOf(plan, "static", {}, "s").place),
+    );
+    expect(drawn).toEqual(new Set([0, 5]));
+  });
+
+  it("has the steps of the place that was drawn", () => {
+    const plan = planOf();
+    const opening = { ...openingOf(plan, "static", {}, "s"), group: 1, place: 5 };
+    expect(sessionOf(plan, opening).steps).toEqual(STEPS.toReversed());
+  });
+
+  it("has a code to each end, one's own where none is set", () => {
+    const plan = planOf();
+    expect(farewellOf(plan, "complete", "OWN").code).toBe("DONE1");
+    expect(farewellOf(plan, "screened_out", "OWN").code).toBe("OUT1");
+    expect(farewellOf(plan, "failed_check", "OWN")).toEqual({ code: "", redirect: "" });
+    expect(farewellOf(plan, "declined", "OWN")).toEqual({ code: "", redirect: "" });
+    const bare = planOf({ codes: { complete: "", screened_out: "", failed_check: "" } });
+    // As our server does.
+    expect(farewellOf(bare, "complete", "OWN")).toEqual({
+      code: "OWN",
+      redirect: "https://app.example.org/?cc=OWN",
+    });
+    expect(farewellOf(bare, "screened_out", "OWN")).toEqual({ code: "", redirect: "" });
+  });
+
+  it("leads back with whatever code is set", () => {
+    fc.assert(
+      fc.property(fc.string({ minLength: 1 }), (code) => {
+        const plan = planOf({ codes: { complete: code, screened_out: "", failed_check: "" } });
+        expect(farewellOf(plan, "complete", "").redirect).toBe(`https://app.example.org/?cc=${code}`);
+      }),
+    );
+    const plan = planOf({ codes: { complete: "A$&B", screened_out: "", failed_check: "" } });
+    expect(farewellOf(plan, "complete", "").redirect).toBe("https://app.example.org/?cc=A$&B");
+  });
+
+  it("is written as lines that can be read back, whatever was answered", () => {
+    fc.assert(
+      fc.property(fc.array(fc.dictionary(fc.string(), fc.jsonValue())), (bodies) => {
+        const entries = bodies.map((body, seq) => ({ session: "s", seq, body, saved: false }));
+        const text = lines({ format: "pourcast-records" }, "s", entries);
+        expect(text.endsWith("\n")).toBe(true);
+        const read = text.slice(0, -1).split("\n").map((line) => JSON.parse(line) as object);
+        const bare = (body: object) => JSON.parse(JSON.stringify(body)) as object;
+        expect(read).toEqual([
+          { format: "pourcast-records" },
+          ...bodies.map((body, seq) => ({ session: "s", seq, body: bare(body) })),
+        ]);
+      }),
+    );
+  });
+
+  it("misses just the steps without a record", () => {
+    fc.assert(
+      fc.property(fc.subarray(ALL), (there) => {
+        const plan = planOf();
+        const opening = { ...openingOf(plan, "static", {}, "s"), group: 0, place: 0 };
+        const missing = missingOf(sessionOf(plan, opening), entriesOf("s", there));
+        expect(missing).toEqual(ALL.filter((seq) => !there.includes(seq)));
+      }),
+    );
+  });
+});
+
+describe("a page", () => {
+  it.each([
+    ["server", ServerTransport],
+    ["static", StaticTransport],
+    ["jatos", JatosTransport],
+  ])("that was made for %s has its transport", (name, kind) => {
+    new JatosHost().install();
+    document.head.innerHTML = `<meta name="pourcast-transport" content="${name}">`;
+    expect(makeTransport({})).toBeInstanceOf(kind);
+    document.head.innerHTML = "";
+    expect(makeTransport({})).toBeInstanceOf(ServerTransport);
+  });
+
+  it("waits for a status that passes, and for no other", () => {
+    expect([408, 429, 500, 502, 503, 504].every(isPassing)).toBe(true);
+    expect([400, 401, 403, 404, 409, 410, 413, 422].some(isPassing)).toBe(false);
+  });
+});
