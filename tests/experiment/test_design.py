@@ -1,30 +1,36 @@
 """The design file: the paper's by default, and one line for whatever is wrong in it."""
 
+import json
+
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.experiment.design.settings import NAME, Design, default_design, read_design, texts_of
+from pourcast.experiment.design.settings import Design, default_design, read_design, texts_of
 from pourcast.files import write_text
+from pourcast.scenes.goals.basins import Basins
+from pourcast.scenes.scene_file import write_scenes
+from pourcast.study.experiments.registry import EXPERIMENTS
+from tests.experiment.make import scenes_of
 
 
-def design_of(folder, text):
+def design_of(folder, text, experiment="exp1"):
+    write_scenes(folder / "scenes.json", scenes_of(experiment, 2))
     write_text(folder / "experiment.toml", text)
     return read_design(folder)
 
 
 @pytest.mark.parametrize(
-    ("goal", "groups", "mirrored"),
-    [("basins", (("water",), ("honey",)), ()), ("cup", (("water", "honey"),), ("honey",))],
+    ("name", "groups", "mirrored"),
+    [("exp1", (("water",), ("honey",)), ()), ("exp2", (("water", "honey"),), ("honey",))],
 )
-def test_the_default_is_the_papers(tmp_path, goal, groups, mirrored):
-    (tmp_path / NAME).write_text(default_design(goal, 15))
-    design = read_design(tmp_path)
+def test_the_default_is_the_papers(tmp_path, name, groups, mirrored):
+    design = design_of(tmp_path, default_design(EXPERIMENTS.get(name), 15), name)
     assert design == Design(groups=groups, mirrored=mirrored)
     assert (design.practice, design.blocks, design.order) == (15, 3, "shared")
 
 
 def test_the_choices_that_the_default_only_shows_are_choices(tmp_path):
-    (tmp_path / NAME).write_text(default_design("basins", 2))
+    design_of(tmp_path, default_design(EXPERIMENTS.get("exp1"), 2))
     path = tmp_path / "experiment.toml"
     before = path.read_text()
     for shown in ("contact", "places", "complete", "redirect"):
@@ -38,9 +44,10 @@ def test_the_choices_that_the_default_only_shows_are_choices(tmp_path):
     [
         ("", "groups: Field required"),
         ("groups = []", "groups: "),
-        ('groups = [["oil"]]', r"groups\[0\]\[0\]: Input should be 'water' or 'honey'"),
-        ('groups = [["water", "water"]]', "groups: expected one or two different liquids"),
+        ('groups = [["oil"]]', "groups: liquid: there is no 'oil'; .*known: water, honey"),
+        ('groups = [["water", "water"]]', "groups: expected different liquids in a group"),
         ('groups = [["water"], ["water"]]', "groups: two groups see the same"),
+        ('groups = [["water"]]\nmirrored = ["honey"]', "mirrored: no group sees 'honey'"),
         ('groups = [["water"]]\nblocs = 3', "blocs: Extra inputs are not permitted"),
         ('groups = [["water"]]\n[slider]\nstart = "left"', r"slider.start: Input should be 'none'"),
         ("groups = [", "not TOML"),
@@ -68,9 +75,66 @@ def test_a_translation_is_one_file_and_must_be_whole(tmp_path):
     from importlib.resources import files
 
     english = files("pourcast.experiment.design").joinpath("texts", "en.toml").read_text("utf-8")
+    write_text(tmp_path / "texts.de.toml", english)
+    with pytest.raises(InputError, match=r"goals\.basins is missing; translate the English"):
+        design_of(tmp_path, 'groups = [["water"]]\nlanguage = "de"')
+    words = {**Basins.words["en"], "question": "Wieviel {liquid}?"}
+    asked = "\n".join(
+        f"{key} = {json.dumps(value)}" for key, value in words.items() if key != "quiz"
+    )
+    for question in words["quiz"]:
+        lines = [f"{key} = {json.dumps(value)}" for key, value in question.items()]
+        asked += "\n" + "\n".join(["[[goals.basins.quiz]]", *lines])
+    english += f"\n[goals.basins]\n{asked}\n"
     write_text(tmp_path / "texts.de.toml", english.replace('"Continue"', '"Weiter"'))
     text = 'groups = [["water"]]\nlanguage = "de"'
-    assert texts_of(tmp_path, design_of(tmp_path, text))["page"]["continue"] == "Weiter"
+    texts = texts_of(tmp_path, design_of(tmp_path, text))
+    assert texts["page"]["continue"] == "Weiter"
+    assert texts["goal"]["question"] == "Wieviel {liquid}?"
     write_text(tmp_path / "texts.de.toml", english.replace("saving = ", "sawing = "))
     with pytest.raises(InputError, match=r"'de': de.page.saving is missing"):
+        read_design(tmp_path)
+
+
+OIL = "[liquids.oil]\nviscosity_alpha = 0.4\nkinematic_viscosity = 5e-5\n"
+
+
+def test_a_studys_own_liquid_can_be_shown_and_goes_by_its_name(tmp_path):
+    write_text(tmp_path / "study.toml", OIL)
+    text = 'groups = [["water", "oil"]]\n'
+    liquids = texts_of(tmp_path, design_of(tmp_path, text))["liquids"]
+    assert liquids["water"]["description"] == "The blue liquid is water."
+    assert liquids["oil"] == {"name": "oil", "description": "The liquid is oil."}
+    text += '[texts.liquids.oil]\ndescription = "The brown liquid is olive oil."\n'
+    liquids = texts_of(tmp_path, design_of(tmp_path, text))["liquids"]
+    assert liquids["oil"]["description"] == "The brown liquid is olive oil."
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[liquids.oil]\n", "liquids.oil: viscosity_alpha: "),
+        (OIL + "slip = 2\n", "liquids.oil: liquid 'oil': slip: expected from 0 to 1, found 2"),
+        (OIL + "colour = 'brown'\n", "colour: expected #rrggbb, found 'brown'"),
+        (OIL + "wetness = 1\n", "liquids.oil: wetness: "),
+        (OIL + "called = 'honey'\n", "liquids.oil: called: a study's own liquid goes by its name"),
+        (OIL.replace("oil", "water"), "liquid 'water': there is one of that name already"),
+        (OIL.replace("oil", "honey"), "liquid 'honey': there is one of that name already"),
+        (OIL.replace("oil", "Oil"), "expected small letters, digits and hyphens.* found 'Oil'"),
+        ("liquids = 3\n", "liquids: "),
+        ("experiment = 'exp9'\n", "experiment: there is no 'exp9'"),
+    ],
+)
+def test_what_is_wrong_in_the_studys_file_is_told_with_file_and_field(tmp_path, text, message):
+    write_text(tmp_path / "study.toml", text)
+    with pytest.raises(InputError, match=message) as told:
+        design_of(tmp_path, 'groups = [["water"]]')
+    assert "study.toml: " in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_scenes_that_ask_different_things_are_refused(tmp_path):
+    write_scenes(tmp_path / "scenes.json", [*scenes_of("exp1", 1, "a"), *scenes_of("exp2", 1, "b")])
+    write_text(tmp_path / "experiment.toml", 'groups = [["water"]]')
+    with pytest.raises(InputError, match="different goals \\(basins, cup\\); an experiment asks"):
         read_design(tmp_path)

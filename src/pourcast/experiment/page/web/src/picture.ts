@@ -1,5 +1,5 @@
-/** An answer as a picture: how full each basin is, or the cup and the floor beside it. */
-import type { Goal } from "./types";
+/** An answer as a picture: how full the parts of the goal are. */
+import type { AnswerPicture } from "./types";
 
 const SVG = "http://www.w3.org/2000/svg";
 const WIDTH = 160;
@@ -11,12 +11,8 @@ function shape(kind: string, attributes: { [name: string]: string | number }): S
   return element;
 }
 
-/** A rectangle that stands on the floor. */
-function column(x: number, width: number, height: number, css: string): SVGElement {
-  return shape("rect", { x, y: HEIGHT - height, width, height, class: css });
-}
-
-export function drawSplit(goal: Goal, liquid: string, share: number | null): SVGElement {
+/** The picture of an answer; without one (null) it shows no liquid. */
+export function drawAnswer(picture: AnswerPicture, colour: string, share: number | null): SVGElement {
   const svg = shape("svg", {
     viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
     width: WIDTH,
@@ -24,25 +20,16 @@ export function drawSplit(goal: Goal, liquid: string, share: number | null): SVG
     "aria-hidden": "true",
     class: "split",
   });
-  const css = `liquid-${liquid}`;
-  if (goal === "basins") {
-    const half = WIDTH / 2;
-    if (share !== null) {
-      svg.append(column(0, half, (1 - share) * HEIGHT, css));
-      svg.append(column(half, half, share * HEIGHT, css));
+  if (share !== null) {
+    for (const column of picture.columns) {
+      const height = (column.judged ? share : 1 - share) * column.full * HEIGHT;
+      const [x, width, y] = [column.x * WIDTH, column.width * WIDTH, HEIGHT - height];
+      svg.append(shape("rect", { x, y, width, height, fill: colour, class: "liquid" }));
     }
-    const wedge = `${half - 6},${HEIGHT} ${half},8 ${half + 6},${HEIGHT}`;
-    svg.append(shape("polygon", { points: wedge, class: "goal" }));
-  } else {
-    const third = WIDTH / 3;
-    if (share !== null) {
-      svg.append(column(third, third, share * HEIGHT, css));
-      // What misses the cup lies on twice its width.
-      svg.append(column(0, third, ((1 - share) * HEIGHT) / 2, css));
-      svg.append(column(2 * third, third, ((1 - share) * HEIGHT) / 2, css));
-    }
-    svg.append(column(third - 4, 4, HEIGHT, "goal"));
-    svg.append(column(2 * third, 4, HEIGHT, "goal"));
+  }
+  for (const part of picture.parts) {
+    const points = part.map(([x, y]) => `${x * WIDTH},${(1 - y) * HEIGHT}`).join(" ");
+    svg.append(shape("polygon", { points, class: "goal" }));
   }
   svg.append(shape("rect", { x: 0.5, y: 0.5, width: WIDTH - 1, height: HEIGHT - 1, class: "box" }));
   return svg;

@@ -1,6 +1,4 @@
 /** All that participants read; `experiment/design/texts/en.toml` has it in English. */
-import type { Goal } from "./types";
-
 interface Titled {
   title: string;
   body: string;
@@ -17,8 +15,10 @@ export interface Question {
   right: number;
 }
 
-/** How a goal is asked for. */
-interface Asked {
+/** What the goal asks. */
+interface GoalTexts {
+  instructions: string[];
+  quiz: Question[];
   question: string;
   slider: string;
   low: string;
@@ -26,27 +26,23 @@ interface Asked {
   value: string;
 }
 
-type Liquids = { [liquid: string]: string };
-
 export interface Texts {
   page: { title: string; continue: string; back: string; loading: string; loading_slow: string; saving: string };
   consent: Titled & { contact: string; agree: string; agree_button: string; decline_button: string };
   check: Titled & { too_small: string; again: string; leave: string };
   fullscreen: Buttoned;
-  instructions: Record<Goal, { pages: string[] }> & {
-    title: string;
-    liquid: Liquids;
-    end: { body: string };
-  };
-  quiz: Record<Goal, { questions: Question[] }> & Buttoned & { wrong: string };
-  trial: Record<Goal, Asked> & {
+  instructions: { title: string; end: { body: string } };
+  quiz: Buttoned & { wrong: string };
+  goal: GoalTexts;
+  /** Liquids that are shown, by what they are called. */
+  liquids: { [liquid: string]: { name: string; description: string } };
+  trial: {
     practice: string;
     test: string;
     picture: string;
     unset: string;
     set: string;
     button: string;
-    liquid: Liquids;
   };
   film: { title: string; picture: string; unplayable: string };
   practice_end: Buttoned;

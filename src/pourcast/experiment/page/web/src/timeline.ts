@@ -64,10 +64,6 @@ export class Timeline {
     return this.around.session.texts;
   }
 
-  private get goal() {
-    return this.around.session.goal;
-  }
-
   private step(step: Step): Node[] {
     switch (step.kind) {
       case "consent":
@@ -224,7 +220,7 @@ export class Timeline {
   private instructions(step: Step): Node[] {
     const { session } = this.around;
     const pages = this.instructionPages();
-    const questions = this.texts.quiz[this.goal].questions ;
+    const questions = this.texts.goal.quiz;
     const quiz = this.texts.quiz;
     const attempts: number[][] = [];
     const began = performance.now();
@@ -280,8 +276,8 @@ export class Timeline {
       test: count("test"),
       blocks: this.blocks(),
     });
-    const bodies = [...texts[this.goal].pages, end];
-    bodies[0] += `\n\n${liquids.map((liquid) => texts.liquid[liquid]).join(" ")}`;
+    const bodies = [...this.texts.goal.instructions, end];
+    bodies[0] += `\n\n${liquids.map((liquid) => this.texts.liquids[liquid]?.description ?? "").join(" ")}`;
     return bodies.map((body) => pageOf(texts.title, body));
   }
 
@@ -323,12 +319,12 @@ export class Timeline {
   private judgment(step: Step): Node[] {
     const { session } = this.around;
     const texts = this.texts.trial;
-    const own = texts[this.goal];
-    const liquid = step.liquid ?? "water";
+    const own = this.texts.goal;
+    const liquid = step.liquid ?? "";
     let url = "";
     const words = {
       progress: this.count(step),
-      question: fill(own.question, { liquid: texts.liquid[liquid] ?? liquid }),
+      question: fill(own.question, { liquid: this.texts.liquids[liquid]?.name ?? liquid }),
       picture: texts.picture,
       slider: own.slider,
       low: own.low,
@@ -345,8 +341,8 @@ export class Timeline {
         type: slider,
         stimulus: () => url,
         aspect: session.aspect,
-        goal: this.goal,
-        liquid,
+        answer_picture: session.answer_picture,
+        colour: session.colours[liquid] ?? "#2978cc",
         words,
         ...session.slider,
         simulation_options: { data: answer ?? {} },

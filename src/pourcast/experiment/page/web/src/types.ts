@@ -1,7 +1,21 @@
 /** What the server tells of a session. `experiment/server/app.py` writes it. */
 import type { Texts } from "./texts";
 
-export type Goal = "basins" | "cup";
+/** A column of liquid in the picture of an answer, in shares of the picture's size. */
+export interface Column {
+  x: number;
+  width: number;
+  /** Whether it grows with the share that is judged, or with what is left. */
+  judged: boolean;
+  /** Its height when that share is 1. */
+  full: number;
+}
+
+/** How the goal's picture of an answer is drawn; points are shares of its size, y upwards. */
+export interface AnswerPicture {
+  columns: Column[];
+  parts: [number, number][][];
+}
 
 export interface Step {
   seq: number;
@@ -9,7 +23,7 @@ export interface Step {
   phase?: "practice" | "test";
   trial?: number;
   block?: number;
-  liquid?: "water" | "honey";
+  liquid?: string;
   still?: string;
   film?: string;
 }
@@ -25,7 +39,9 @@ export interface SliderDesign {
 /** What is the same for all sessions of an experiment. */
 export interface Experiment {
   texts: Texts;
-  goal: Goal;
+  answer_picture: AnswerPicture;
+  /** Colour of each liquid that is shown, #rrggbb. */
+  colours: { [liquid: string]: string };
   aspect: number;
   contact: string;
   minutes: number;

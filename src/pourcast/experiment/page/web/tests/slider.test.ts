@@ -24,6 +24,15 @@ const WORDS = {
   button: "Hand in",
 };
 
+/** Two basins: what is judged is on the right. */
+const ANSWER_PICTURE = {
+  columns: [
+    { x: 0, width: 0.5, judged: false, full: 1 },
+    { x: 0.5, width: 0.5, judged: true, full: 0.5 },
+  ],
+  parts: [[[0.45, 0], [0.5, 0.75], [0.55, 0]]],
+};
+
 /** The page of one trial, and the hands of a participant. */
 class Page {
   readonly display = document.createElement("div");
@@ -45,8 +54,8 @@ class Page {
       type: SliderPlugin,
       stimulus: "a.png",
       aspect: 2 / 3,
-      goal: "basins",
-      liquid: "water",
+      answer_picture: ANSWER_PICTURE,
+      colour: "#2978cc",
       words: WORDS,
       start: "none",
       start_at: 0.5,
@@ -457,6 +466,19 @@ describe("the record", () => {
       }),
       { numRuns: 50 },
     );
+  });
+
+  it.each([
+    ["Home", [56, 0]],
+    ["End", [0, 28]],
+  ])("is drawn as columns of liquid (%s)", async (key, heights) => {
+    const page = await Page.shown({ colour: "#b8a11f" });
+    const columns = () => [...page.display.querySelectorAll(".split .liquid")];
+    expect(columns()).toHaveLength(0);
+    page.press(key);
+    expect(columns().map((column) => Number(column.getAttribute("height")))).toEqual(heights);
+    expect(columns().map((column) => column.getAttribute("fill"))).toEqual(["#b8a11f", "#b8a11f"]);
+    expect(page.display.querySelector(".split .goal")?.getAttribute("points")).toContain("80,14");
   });
 
   it("of a simulated participant who is watched has its response", async () => {

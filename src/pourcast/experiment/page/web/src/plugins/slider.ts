@@ -4,7 +4,8 @@
  */
 import { ParameterType, type JsPsych, type JsPsychPlugin, type TrialType } from "jspsych";
 
-import { drawSplit } from "../picture";
+import { drawAnswer } from "../picture";
+import type { AnswerPicture } from "../types";
 import { WATCHED, Watch } from "../watch";
 import { escaped, fill } from "../words";
 
@@ -16,10 +17,10 @@ const info = {
     stimulus: { type: ParameterType.STRING, default: undefined },
     /** Width of the picture over its height. */
     aspect: { type: ParameterType.FLOAT, default: 2 / 3 },
-    /** `basins` or `cup`. */
-    goal: { type: ParameterType.STRING, default: "basins" },
-    /** `water` or `honey`: the colour of the answer's picture. */
-    liquid: { type: ParameterType.STRING, default: "water" },
+    /** The picture of an answer: columns of liquid, and the goal's parts. */
+    answer_picture: { type: ParameterType.COMPLEX, default: { columns: [], parts: [] } },
+    /** Colour of the liquid in it. */
+    colour: { type: ParameterType.STRING, default: "#2978cc" },
     /** The page's words: progress, question, slider, low, high, value, picture, unset, set, button. */
     words: { type: ParameterType.COMPLEX, default: undefined },
     /** Where the handle stands at first: `none`, `centre`, `random` or `fixed`. */
@@ -253,7 +254,8 @@ class Slider {
     this.button.disabled = !set;
     this.handle.hidden = !set;
     this.hint.textContent = words[set ? "set" : "unset"] ?? "";
-    const picture = drawSplit(this.trial.goal as "basins", this.trial.liquid as string, this.value);
+    const answer = this.trial.answer_picture as AnswerPicture;
+    const picture = drawAnswer(answer, this.trial.colour as string, this.value);
     this.shown.replaceChildren(picture);
     if (this.value === null) {
       this.bar.setAttribute("aria-valuetext", words["unset"] ?? "");
