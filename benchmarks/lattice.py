@@ -14,10 +14,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from pourcast.pictures.demo import demo_scenes
+from pourcast.scenes.liquids.registry import WATER
 from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow, LatticeSettings
 from pourcast.stimuli.lattice_boltzmann.voxels import voxelise
-from pourcast.stimuli.recipe import LatticeRecipe
-from pourcast.stimuli.solvers.lbm import start_flow
+from pourcast.stimuli.solvers.lbm import LatticeBoltzmann, start_flow
 
 BYTES_PER_UPDATE = 3 * 19 * 4
 SIDE = 100
@@ -59,8 +59,8 @@ def full_box(threads: int) -> float:
 
 def whole_pour(resolution: int, threads: int) -> tuple[float, float]:
     """Seconds for 4 s of water, and lattice updates a second."""
-    scene, recipe = demo_scenes()[0], LatticeRecipe(resolution=resolution)
-    flow = start_flow(scene, "water", recipe, voxelise(scene, resolution), threads)
+    scene, solver = demo_scenes()[0], LatticeBoltzmann(resolution=resolution)
+    flow = start_flow(scene, WATER, solver, voxelise(scene, resolution), threads)
     begin = time.perf_counter()
     rate = updates_per_second(flow, 4.0)
     return time.perf_counter() - begin, rate

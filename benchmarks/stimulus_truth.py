@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from pourcast.engine.batch import available_cores
 from pourcast.prediction import predict
+from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
-from pourcast.stimuli.recipe import FILM_SECONDS, LatticeRecipe
-from pourcast.stimuli.solvers.lbm import pour_to_end
+from pourcast.stimuli.solvers.lbm import LatticeBoltzmann, pour_to_end
 from pourcast.study.folder import SceneRequest, generate_scenes
 
 Array = NDArray[np.float64]
@@ -36,7 +36,9 @@ Key = tuple[str, int]
 def outcome(work: tuple[Scene, Key]) -> tuple[float, float]:
     """Outcome, and what is stranded, of a pour."""
     scene, (name, resolution) = work
-    return pour_to_end(scene, name, LatticeRecipe(resolution=resolution), FILM_SECONDS[name])
+    liquid = resolve_liquid(name, scene)
+    solver = LatticeBoltzmann(resolution=resolution)
+    return pour_to_end(scene, liquid, solver, liquid.film_seconds)
 
 
 def judged(scenes: Sequence[Scene]) -> dict[str, Array]:
@@ -62,9 +64,9 @@ def main(count: int) -> None:
     truths = judged(scenes)
     keys = [(name, n) for name in LIQUIDS for n in RESOLUTIONS]
     with ProcessPoolExecutor(available_cores()) as pool:
-        found = np.array(list(pool.map(outcome, [(s, key) for key in keys for s in scenes])))
-    outcomes = dict(zip(keys, found[:, 0].reshape(len(keys), -1), strict=True))
-    stranded = dict(zip(keys, found[:, 1].reshape(len(keys), -1).mean(axis=1), strict=True))
+        shares = np.array(list(pool.map(outcome, [(s, key) for key in keys for s in scenes])))
+    outcomes = dict(zip(keys, shares[:, 0].reshape(len(keys), -1), strict=True))
+    stranded = dict(zip(keys, shares[:, 1].reshape(len(keys), -1).mean(axis=1), strict=True))
     print(f"{count} scenes of Experiment 1 (`pourcast scenes exp1 -n {count} --seed 1`).\n")
     head = ["lattice Boltzmann", "cells", *(f"r, {name}" for name in TRUTHS)]
     head += [f"mean difference, {name}" for name in TRUTHS]

@@ -8,15 +8,18 @@ import pytest
 from pourcast.comparison.agreement import Settings
 from pourcast.comparison.compare import Request, compare_study
 from pourcast.errors import InputError
+from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene_file import read_scenes
 from pourcast.statistics.correlation import pearson
 from pourcast.stimuli.manifest import Manifest, Stimulus, StimulusSet, set_folder, write_set
-from pourcast.stimuli.recipe import LatticeRecipe, PreviewRecipe, Recipe
+from pourcast.stimuli.renderers.preview import Preview
+from pourcast.stimuli.settings import StimulusSettings
+from pourcast.stimuli.solvers.lbm import LatticeBoltzmann
 from tests.report.conftest import study
 
 __all__ = ["study"]
 
-LATTICE = Recipe(flow=LatticeRecipe(), look=PreviewRecipe())
+LATTICE = StimulusSettings(solver=LatticeBoltzmann(), renderer=Preview())
 QUICK = Settings(resamples=200)
 
 
@@ -32,7 +35,8 @@ def filmed(study, tmp_path):
         for scene, outcome in zip(scenes, outcomes, strict=True)
     )
     place = set_folder(folder, LATTICE.name)
-    write_set(StimulusSet(place, Manifest(recipe=LATTICE, stimuli=stimuli)))
+    manifest = Manifest(settings=LATTICE, stimuli=stimuli).with_liquids([WATER])
+    write_set(StimulusSet(place, manifest))
     return folder, outcomes
 
 

@@ -9,8 +9,10 @@ from pourcast.experiment.design.plan import PRACTICE
 from pourcast.experiment.storage.storage import Arrival
 from pourcast.files import write_text
 from pourcast.pictures.video import write_film
+from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import write_scenes
+from pourcast.stimuli.make import QUICK
 from pourcast.stimuli.manifest import (
     Manifest,
     Stimulus,
@@ -19,7 +21,6 @@ from pourcast.stimuli.manifest import (
     set_folder,
     write_set,
 )
-from pourcast.stimuli.recipe import QUICK
 from tests.make import random_scenes
 
 EXP1 = 'groups = [["water"]]\npractice = 1\nfullscreen = false\n'
@@ -41,14 +42,16 @@ def small_study(
     practice = [test[-1].model_copy(update={"id": "practice-1"})]
     write_scenes(folder / "practice.json", practice)
     write_text(folder / "experiment.toml", design or (EXP1 if experiment == "exp1" else EXP2))
-    stimuli = []
+    stimuli, liquids = [], []
     place = set_folder(folder, QUICK.name)
     place.mkdir(parents=True, exist_ok=True)
     for scene in [*test[:scenes], *practice]:
         for seen in (scene, scene.mirrored()):
-            for liquid in ("water", "honey"):
-                stimuli.append(_stimulus(place, seen, liquid, scene in practice))
-    write_set(StimulusSet(place, Manifest(recipe=QUICK, stimuli=tuple(stimuli))))
+            for name in ("water", "honey"):
+                liquids.append(resolve_liquid(name, seen))
+                stimuli.append(_stimulus(place, seen, liquids[-1].name, scene in practice))
+    manifest = Manifest(settings=QUICK, stimuli=tuple(stimuli)).with_liquids(liquids)
+    write_set(StimulusSet(place, manifest))
     return folder
 
 

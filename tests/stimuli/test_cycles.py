@@ -14,10 +14,11 @@ import pytest
 from PIL import Image
 
 from pourcast import cli
+from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.scenes.scene_file import write_scenes
-from pourcast.stimuli import cycles
 from pourcast.stimuli.contact_sheet import last_picture
 from pourcast.stimuli.manifest import read_set, set_folder
+from pourcast.stimuli.renderers import cycles
 from tests.make import ramp_scene
 from tests.test_docs import CYCLES_LINE
 
@@ -42,13 +43,13 @@ def test_both_liquids_are_rendered_and_told_apart(study):
     assert cli.run(["stimuli", str(study), *OPTIONS]) == 0
     made = read_set(set_folder(study, "lbm-cycles"))
     images = {}
-    for liquid in ("water", "honey"):
+    for liquid in (WATER, HONEY_EXP1):
         stimulus = made.find(ramp_scene(), liquid)
         assert made.is_whole(stimulus)
         with Image.open(made.folder / stimulus.still) as still:
-            images[liquid] = np.asarray(still, float)
+            images[liquid.name] = np.asarray(still, float)
         assert np.asarray(last_picture(made.folder / stimulus.film)).shape == (180, 120, 3)
-    water, honey = images["water"], images["honey"]
+    water, honey = images["water"], images["honey-exp1"]
     assert water.shape == (180, 120, 3)
     # They differ where the liquid starts, and nowhere far from it.
     differ = np.abs(water - honey).max(axis=2) > 60

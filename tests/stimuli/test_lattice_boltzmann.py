@@ -1,9 +1,12 @@
 """The stimuli's solver against known answers: profiles, decay, rest, fall, slopes, a broken dam."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pourcast.errors import InputError
+from pourcast.scenes.liquids import registry
 from pourcast.stimuli.lattice_boltzmann.lattice import MIRRORED, OPPOSITE, VELOCITY, WEIGHT
 from pourcast.stimuli.lattice_boltzmann.solver import (
     GRAVITY,
@@ -12,7 +15,6 @@ from pourcast.stimuli.lattice_boltzmann.solver import (
     wall_normals,
 )
 from pourcast.stimuli.lattice_boltzmann.voxels import voxelise
-from pourcast.stimuli.recipe import LatticeRecipe
 from pourcast.stimuli.solvers import lbm
 from tests.make import random_scenes
 
@@ -245,12 +247,14 @@ def test_a_dam_breaks_as_in_the_experiment_with_finer_cells():
 
 # Whole pours --------------------------------------------------------------------------
 
-COARSE = LatticeRecipe(resolution=48)
+COARSE = lbm.LatticeBoltzmann(resolution=48)
 
 
-def started(scene, liquid="water", recipe=COARSE, threads=1):
-    voxels = voxelise(scene, recipe.resolution)
-    return lbm.start_flow(scene, liquid, recipe, voxels, threads), voxels
+def started(scene, liquid="water", solver=COARSE, threads=1):
+    voxels = voxelise(scene, solver.resolution)
+    return lbm.start_flow(
+        scene, registry.resolve_liquid(liquid, scene), solver, voxels, threads
+    ), voxels
 
 
 def test_a_whole_pour_keeps_its_mass_and_never_gains_energy():
@@ -287,8 +291,8 @@ def test_mirrored_scenes_have_mirrored_outcomes_on_the_whole():
     scenes = [scene for scene in random_scenes(8) if scene.goal.kind == "basins"]
     pairs = [
         (
-            lbm.pour_to_end(scene, "water", COARSE, 1.5)[0],
-            1.0 - lbm.pour_to_end(scene.mirrored(), "water", COARSE, 1.5)[0],
+            lbm.pour_to_end(scene, registry.WATER, COARSE, 1.5)[0],
+            1.0 - lbm.pour_to_end(scene.mirrored(), registry.WATER, COARSE, 1.5)[0],
         )
         for scene in scenes
     ]
@@ -297,8 +301,8 @@ def test_mirrored_scenes_have_mirrored_outcomes_on_the_whole():
 
 
 def test_threads_change_nothing(ramp):
-    recipe = LatticeRecipe(resolution=170)
-    flows = [started(ramp, recipe=recipe, threads=threads)[0] for threads in (1, 2)]
+    solver = lbm.LatticeBoltzmann(resolution=170)
+    flows = [started(ramp, solver=solver, threads=threads)[0] for threads in (1, 2)]
     for flow in flows:
         flow.advance(0.02)
     one, two = flows
@@ -308,11 +312,11 @@ def test_threads_change_nothing(ramp):
 
 
 def test_held_honey_is_slower_than_slipping_honey(ramp):
-    # The paper's honey slips; `honey_slip` 0 holds it, and leaves some on the ramp.
+    # The paper's honey slips; `slip` 0 holds it, and leaves some on the ramp.
     left = []
     for slip in (1.0, 0.0):
-        recipe = LatticeRecipe(resolution=48, honey_slip=slip, honey_viscosity=5.0)
-        left.append(lbm.pour_to_end(ramp, "honey", recipe, 1.0)[1])
+        honey = replace(registry.HONEY_EXP1, slip=slip, kinematic_viscosity=5e-3)
+        left.append(lbm.pour_to_end(ramp, honey, COARSE, 1.0)[1])
     assert left[1] > left[0] + 0.1
 
 
@@ -374,3 +378,15 @@ def test_bad_settings_are_named(changes, said):
     with pytest.raises(InputError) as caught:
         LatticeSettings(**changes)
     assert said in str(caught.value)
+
+
+def test_the_papers_liquids_have_the_papers_viscosities():
+    # Section "Stimuli": 1 cP, 100 cP and 2 cP, all of them of 1000 kg/m^3 and with free slip.
+    pascal_seconds = {"water": 1e-3, "honey-exp1": 0.1, "honey-exp2": 0.002}
+    for name, viscosity in pascal_seconds.items():
+        liquid = registry.LIQUIDS.get(name)
+        assert COARSE.liquid_identity(liquid) == {
+            "kinematic_viscosity": viscosity / 1000.0, "slip": 1.0, "wall_pull": 0.0,
+        }  # fmt: skip
+        flow, _ = started(random_scenes(1)[0], liquid)
+        assert (flow.viscosity, flow.adhesion) == (viscosity / 1000.0, 0.0)

@@ -6,15 +6,21 @@ import numpy as np
 import pytest
 
 from pourcast.pictures.video import write_film
-from pourcast.stimuli.poured import FULL, Moment, Poured
-from pourcast.stimuli.preview import picture_maker
-from pourcast.stimuli.recipe import LatticeRecipe
-from pourcast.stimuli.solvers import lbm, sph
+from pourcast.scenes.liquids.registry import WATER, resolve_liquid
+from pourcast.stimuli.recording import FULL, Moment, RecordedPour
+from pourcast.stimuli.renderers.preview import Preview
+from pourcast.stimuli.solvers.lbm import LatticeBoltzmann
+from pourcast.stimuli.solvers.sph import ParticleEngine
 
 
-def still(scene, liquid="water", width=200):
-    poured = lbm.pour(scene, liquid, LatticeRecipe(resolution=60), 1 / 30)
-    return picture_maker(scene, liquid, poured, width)(0).astype(float)
+def still(scene, name="water"):
+    liquid = resolve_liquid(name, scene)
+    pour = LatticeBoltzmann(resolution=60).pour(scene, liquid, 1 / 30)
+    return drawn(scene, pour, liquid)
+
+
+def drawn(scene, pour, liquid=WATER):
+    return Preview(width=200).picture_maker(scene, liquid, pour)(0).astype(float)
 
 
 def coloured(image, liquid):
@@ -35,8 +41,8 @@ def test_the_liquid_is_seen_where_it_starts(ramp, liquid):
 
 
 def test_particles_are_seen_where_the_cells_are(ramp):
-    poured = sph.pour(ramp, "water", 1 / 30)
-    image = picture_maker(ramp, "water", poured, 200)(0).astype(float)
+    pour = ParticleEngine().pour(ramp, WATER, 1 / 30)
+    image = drawn(ramp, pour)
     one, other = coloured(image, "water"), coloured(still(ramp), "water")
     assert (one & other).sum() / (one | other).sum() > 0.75
 
@@ -49,8 +55,8 @@ def test_a_mirrored_scene_makes_the_mirrored_picture(ramp):
 def test_solids_hide_the_liquid_and_are_no_part_of_it(ramp):
     cells = np.full((20, 30, 3), FULL, np.uint8)
     moment = Moment(cells, np.zeros((0, 4), np.float32))
-    poured = Poured((moment,), 0.05, (0.0, 0.0, 0.0), cells > FULL, 0.5, 0.0)
-    image = picture_maker(ramp, "water", poured, 200)(0).astype(float)
+    pour = RecordedPour((moment,), 0.05, (0.0, 0.0, 0.0), cells > FULL, 0.5, 0.0)
+    image = drawn(ramp, pour)
     wet = coloured(image, "water")
     # The middle of the ramp, and of the divider.
     assert not wet[300 - 156 : 300 - 148, 55:70].any()
@@ -60,8 +66,8 @@ def test_solids_hide_the_liquid_and_are_no_part_of_it(ramp):
 
 def test_films_are_made_in_no_time(ramp, tmp_path):
     # Less than 5 s for a film of 4 s was asked for; here is a quarter of it, with room for noise.
-    poured = sph.pour(ramp, "water", 1.0)
-    picture = picture_maker(ramp, "water", poured, 600)
+    pour = ParticleEngine().pour(ramp, WATER, 1.0)
+    picture = Preview(width=600).picture_maker(ramp, WATER, pour)
     begin = time.process_time()
     write_film(tmp_path / "film.mp4", picture, 30)
     assert time.process_time() - begin < 5.0

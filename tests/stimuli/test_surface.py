@@ -6,18 +6,25 @@ import numpy as np
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.stimuli.poured import FULL, Moment, Poured, load_poured, save_poured, volume_of
+from pourcast.stimuli.recording import (
+    FULL,
+    Moment,
+    RecordedPour,
+    load_pour,
+    save_pour,
+    volume_of,
+)
 from pourcast.stimuli.surface import EMPTY, cells_mesh, drops_mesh, liquid_mesh
 
 CELL = 0.01
 
 
-def poured(fill, points=(), solid=None):
+def pour_of(fill, points=(), solid=None):
     moment = Moment(
         np.round(FULL * fill).astype(np.uint8), np.array(points, np.float32).reshape(-1, 4)
     )
     solid = np.zeros(fill.shape, dtype=bool) if solid is None else solid
-    return Poured((moment,), CELL, (0.0, 0.0, 0.0), solid, 0.5, 0.0)
+    return RecordedPour((moment,), CELL, (0.0, 0.0, 0.0), solid, 0.5, 0.0)
 
 
 def ball(radius):
@@ -38,7 +45,7 @@ def is_closed(mesh):
 
 @pytest.mark.parametrize(("radius", "error"), [(2.5, 0.18), (5.0, 0.045), (10.0, 0.012)])
 def test_a_blobs_volume_is_kept_as_far_as_the_docstring_says(radius, error):
-    one = poured(ball(radius))
+    one = pour_of(ball(radius))
     mesh = liquid_mesh(one, 0)
     assert mesh.volume == pytest.approx(one.volume, rel=error)
     assert is_closed(mesh)
@@ -58,13 +65,15 @@ def test_liquid_leaves_no_gap_to_what_it_lies_on():
     fill, solid = np.zeros((12, 12, 12)), np.zeros((12, 12, 12), dtype=bool)
     solid[:, :4] = True
     fill[:, 4:7] = 1.0
-    mesh = cells_mesh(poured(fill, solid=solid).moments[0], poured(fill, solid=solid))
+    mesh = cells_mesh(pour_of(fill, solid=solid).moments[0], pour_of(fill, solid=solid))
     assert mesh.vertices[:, 1].min() < 4 * CELL
     assert mesh.vertices[:, 1].max() == pytest.approx(7 * CELL, abs=0.4 * CELL)
 
 
 def test_no_liquid_has_no_surface():
-    assert cells_mesh(poured(np.zeros((5, 5, 5))).moments[0], poured(np.zeros((5, 5, 5)))) is EMPTY
+    assert (
+        cells_mesh(pour_of(np.zeros((5, 5, 5))).moments[0], pour_of(np.zeros((5, 5, 5)))) is EMPTY
+    )
     assert EMPTY.volume == 0.0
 
 
@@ -72,7 +81,7 @@ def test_particles_have_a_closed_surface_around_them():
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(0.1, 0.2, (60, 3)), np.full(60, 1e-6)])
     nothing = np.zeros((0, 0, 0))
-    one = Poured(
+    one = RecordedPour(
         (Moment(nothing.astype(np.uint8), points.astype(np.float32)),),
         0.02, (0.0, 0.0, 0.0), nothing.astype(bool), 0.5, 0.0,
     )  # fmt: skip
@@ -84,10 +93,10 @@ def test_particles_have_a_closed_surface_around_them():
 
 
 def test_a_pour_is_kept_and_read_as_it_was(tmp_path):
-    one = poured(ball(3.0), [(0.1, 0.2, 0.05, 1e-6)])
+    one = pour_of(ball(3.0), [(0.1, 0.2, 0.05, 1e-6)])
     path = tmp_path / "pour.npz"
-    save_poured(path, one)
-    other = load_poured(path)
+    save_pour(path, one)
+    other = load_pour(path)
     assert (other.moments[0].fill == one.moments[0].fill).all()
     assert (other.moments[0].points == one.moments[0].points).all()
     assert (other.cell, other.origin, other.outcome) == (one.cell, one.origin, one.outcome)
@@ -97,4 +106,4 @@ def test_a_pour_is_kept_and_read_as_it_was(tmp_path):
 def test_without_the_extra_it_is_said_which_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pysplashsurf", None)
     with pytest.raises(InputError, match=r"pip install '.\[stimuli\]'"):
-        liquid_mesh(poured(ball(3.0)), 0)
+        liquid_mesh(pour_of(ball(3.0)), 0)

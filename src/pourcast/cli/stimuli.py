@@ -1,8 +1,8 @@
 """The command that makes what participants see: stimuli."""
 
-from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,51 +17,26 @@ from pourcast.cli.options import (
     pixels,
 )
 from pourcast.cli.terminal import print_json, progress_bar
-from pourcast.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pourcast.stimuli.recipe import Recipe
     from pourcast.sweep.executors import Executor
-
-_PREVIEW_RESOLUTION = 60
-
-
-class SolverName(StrEnum):
-    """What pours the liquid."""
-
-    LBM = "lbm"
-    SPH = "sph"
-
-
-class RendererName(StrEnum):
-    """What makes the pictures."""
-
-    PREVIEW = "preview"
-    CYCLES = "cycles"
-
-
-class StimulusLiquid(StrEnum):
-    """Liquids of stimuli."""
-
-    WATER = "water"
-    HONEY = "honey"
 
 
 @app.command()
 def stimuli(
     study: StudyArgument,
     solver: Annotated[
-        SolverName,
+        str,
         typer.Option(help="lbm: lattice Boltzmann, as in the paper; sph: the models' own engine."),
-    ] = SolverName.LBM,
+    ] = "lbm",
     renderer: Annotated[
-        RendererName,
+        str,
         typer.Option(
             help="preview: flat, at once; cycles: Blender's path tracer, as in the paper."
         ),
-    ] = RendererName.PREVIEW,
+    ] = "preview",
     preview: Annotated[
         bool, typer.Option("--preview", help="A quick look: preview, at resolution 60.")
     ] = False,
@@ -72,7 +47,8 @@ def stimuli(
         list[str] | None, typer.Option(help="Only this scene, by number or id; several times.")
     ] = None,
     liquid: Annotated[
-        StimulusLiquid | None, typer.Option(help="Only this liquid [those of the design].")
+        str | None,
+        typer.Option(metavar="NAME", help="Only this liquid, any there is [those of the design]."),
     ] = None,
     seconds: Annotated[
         float | None, typer.Option(help="Length of the films [4 s of water, 10 s of honey].")
@@ -81,25 +57,19 @@ def stimuli(
         str | None,
         typer.Option(metavar="WxH", help="Pixels [preview 600, cycles 640x960]."),
     ] = None,
-    samples: Annotated[int, typer.Option(min=1, help="cycles: paths per pixel.")] = 64,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="cycles: paths per pixel [64].")
+    ] = None,
     denoise: Annotated[
-        bool, typer.Option("--denoise/--no-denoise", help="cycles: smooth noise away.")
-    ] = True,
+        bool | None, typer.Option("--denoise/--no-denoise", help="cycles: smooth noise away [yes].")
+    ] = None,
     resolution: Annotated[
         int | None, typer.Option(help="lbm: cells along the longest side [100; paper 300].")
     ] = None,
     real_size: Annotated[
-        float, typer.Option(help="lbm: real length of that side, in metres (paper: 0.5).")
-    ] = 0.5,
-    honey_viscosity: Annotated[
-        float | None, typer.Option(help="lbm: in Pa s (paper: 0.1 and 0.002; real honey: 10).")
+        float | None,
+        typer.Option(help="lbm: real length of that side, in metres [0.5, as in the paper]."),
     ] = None,
-    honey_slip: Annotated[
-        float, typer.Option(help="lbm: 1 lets honey slip along walls (paper), 0 holds it.")
-    ] = 1.0,
-    honey_adhesion: Annotated[
-        float, typer.Option(help="lbm: pull of walls on honey [m/s2].")
-    ] = 0.0,
     webm: Annotated[bool, typer.Option("--webm", help="Make WebM films, too.")] = False,
     replace: Annotated[
         bool, typer.Option("--replace", help="Make all anew if they were made otherwise.")
@@ -119,51 +89,38 @@ def stimuli(
 
     Example: pourcast stimuli my-study --preview
     """
-    from pourcast.experiment.design.plan import all_shown
-    from pourcast.stimuli.contact_sheet import write_contact_sheet
-    from pourcast.stimuli.make import make_stimuli
-    from pourcast.stimuli.manifest import Wanted
-    from pourcast.study.folder import load_practice, pick_scene, study_scenes
+    from pourcast.experiment.design.films import film_study
+    from pourcast.stimuli.settings import PREVIEW_RESOLUTION, stimulus_settings
 
-    recipe = _recipe(
+    settings = stimulus_settings(
         solver,
-        RendererName.PREVIEW if preview else renderer,
-        seconds=seconds,
+        "preview" if preview else renderer,
         size=pixels(size),
-        cycles={"samples": samples, "denoise": denoise},
-        lattice={
-            "resolution": resolution or (_PREVIEW_RESOLUTION if preview else None),
-            "real_size": real_size,
-            "honey_viscosity": honey_viscosity,
-            "honey_slip": honey_slip,
-            "honey_adhesion": honey_adhesion,
-        },
+        seconds=seconds,
         webm=webm,
+        options={
+            "resolution": resolution or (PREVIEW_RESOLUTION if preview else None),
+            "real_size": real_size,
+            "samples": samples,
+            "denoise": denoise,
+        },
     )
-    known, practice = study_scenes(study), load_practice(study)
-    chosen = {one.id for one in (known[:scenes] if scenes else [*known, *practice])}
-    if scene:
-        chosen = {pick_scene([*known, *practice], name, study).id for name in scene}
-    wanted = [
-        Wanted(one.seen, one.liquid, film=True)
-        for one in all_shown(study)
-        if one.scene.id in chosen and liquid in (None, one.liquid)
-    ]
     with progress_bar() as report:
-        made = make_stimuli(
+        made, sheet = film_study(
             study,
-            wanted,
-            recipe,
+            settings,
+            first=scenes,
+            names=scene or (),
+            liquid=liquid,
             replace=replace,
             workers=workers,
             open_executor=_opener(study, executor, workers, scheduler, cluster),
             report=report,
         )
-    sheet = write_contact_sheet(made, [*known, *practice])
     if as_json:
-        print_json(made.manifest.model_dump(mode="json"))
+        print_json(made.manifest.content())
         return
-    typer.echo(f"{made.folder}: {len(made.manifest.stimuli)} stimuli ({recipe.name})\n{sheet}")
+    typer.echo(f"{made.folder}: {len(made.manifest.stimuli)} stimuli ({settings.name})\n{sheet}")
 
 
 def _opener(
@@ -174,45 +131,9 @@ def _opener(
     cluster: Path | None,
 ) -> "Callable[[], Executor] | None":
     """What opens a cluster; None for this machine."""
-    from functools import partial
-
     from pourcast.sweep.executors.choose import ClusterOptions, make_executor, read_cluster
 
     if executor is ExecutorName.LOCAL:
         return None
     options = read_cluster(cluster) if cluster else ClusterOptions()
     return partial(make_executor, executor.value, workers, study / "stimuli", scheduler, options)
-
-
-def _recipe(
-    solver: SolverName,
-    renderer: RendererName,
-    *,
-    seconds: float | None,
-    size: tuple[int, ...],
-    cycles: dict[str, Any],
-    lattice: dict[str, Any],
-    webm: bool,
-) -> "Recipe":
-    """How the stimuli are made; options that don't concern the solver or renderer are left out."""
-    from pydantic import ValidationError
-
-    from pourcast.errors import one_line
-    from pourcast.stimuli.recipe import Recipe
-
-    look = dict(zip(("width", "height"), size, strict=False))
-    if renderer is RendererName.CYCLES:
-        look |= cycles
-    elif len(size) > 1:
-        del look["height"]  # follows from the box
-    flow = lattice if solver is SolverName.LBM else {}
-    given = {
-        "flow": {"solver": solver.value} | {k: v for k, v in flow.items() if v is not None},
-        "look": {"renderer": renderer.value} | look,
-        "seconds": seconds,
-        "webm": webm,
-    }
-    try:
-        return Recipe.model_validate(given)
-    except ValidationError as error:
-        raise InputError(one_line(error)) from None

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.stimuli.manifest import StimulusSet, sets_of
 
@@ -14,8 +16,10 @@ NAME = "truth-stimulus"
 """Name by which tables and figures call it."""
 
 
-def stimulus_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray[np.float64] | None:
-    """Outcomes of a study's films, as far as the lattice-Boltzmann solver made them.
+def stimulus_truth(
+    study: Path, scenes: Sequence[Scene], liquid: str, own: Sequence[Liquid] = ()
+) -> NDArray[np.float64] | None:
+    """Outcomes of a study's films, if a solver made them that shares nothing with the models.
 
     Parameters
     ----------
@@ -24,35 +28,48 @@ def stimulus_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray
     scenes
         Its scenes.
     liquid
-        `water` or `honey`.
+        Name of a liquid.
+    own
+        The study's own liquids.
 
     Returns
     -------
     ndarray
         Shape [scene_count], of the first set that has all of them; None if there is none.
+
+    Raises
+    ------
+    InputError
+        If there is none, but a set of liquids that have changed since.
     """
-    for found in sets_of(study):
-        if found.manifest.recipe.flow.solver != "lbm":
-            continue
-        outcomes = [_outcome(found, scene, liquid) for scene in scenes]
+    liquids = [resolve_liquid(liquid, scene, own) for scene in scenes]
+    sets = [one for one in sets_of(study) if one.manifest.settings.solver.independent]
+    for stimuli in sets:
+        outcomes = [
+            _outcome(stimuli, scene, one) for scene, one in zip(scenes, liquids, strict=True)
+        ]
         known = [outcome for outcome in outcomes if outcome is not None]
         if len(known) == len(scenes):
             return np.array(known)
+    for stimuli in sets:
+        stimuli.check_made_alike(stimuli.manifest.settings, liquids)
     return None
 
 
-def _outcome(found: StimulusSet, scene: Scene, liquid: str) -> float | None:
+def _outcome(stimuli: StimulusSet, scene: Scene, liquid: Liquid) -> float | None:
     """Outcome of a scene, or what its mirror image says of it."""
-    plain = found.find(scene, liquid)
+    plain = stimuli.find(scene, liquid)
     if plain is not None and plain.outcome is not None:
         return plain.outcome
-    mirrored = found.find(scene.mirrored(), liquid)
+    mirrored = stimuli.find(scene.mirrored(), liquid)
     if mirrored is None or mirrored.outcome is None:
         return None
     return float(scene.goal.mirrored_judgment(mirrored.outcome))
 
 
-def required_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray[np.float64]:
+def required_truth(
+    study: Path, scenes: Sequence[Scene], liquid: str, own: Sequence[Liquid] = ()
+) -> NDArray[np.float64]:
     """Like `stimulus_truth`, where it was asked for.
 
     Raises
@@ -60,10 +77,10 @@ def required_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray
     InputError
         If it is not there.
     """
-    found = stimulus_truth(study, scenes, liquid)
-    if found is None:
+    outcomes = stimulus_truth(study, scenes, liquid, own)
+    if outcomes is None:
         raise InputError(
             f"{study}: {NAME}: not all scenes were filmed with {liquid}; "
             "`pourcast stimuli STUDY` does it"
         )
-    return found
+    return outcomes

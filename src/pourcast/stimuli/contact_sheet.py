@@ -35,7 +35,7 @@ def write_contact_sheet(stimuli: StimulusSet, scenes: Sequence[Scene]) -> Path:
     Path
         The picture, in the set's folder. It tells the outcomes: not for participants.
     """
-    rows = [found for scene in scenes if (found := _row(stimuli, scene)) is not None]
+    rows = [one for scene in scenes if (one := _row(stimuli, scene)) is not None]
     columns = max((len(row) for _, row in rows), default=0)
     height = max((image.height for _, row in rows for image, _ in row), default=0)
     cell = (columns * (_WIDTH + _GAP) + 2 * _GAP, height + 2 * _LINE + _GAP)
@@ -59,29 +59,35 @@ def write_contact_sheet(stimuli: StimulusSet, scenes: Sequence[Scene]) -> Path:
 
 def _row(stimuli: StimulusSet, scene: Scene) -> tuple[str, list[tuple[Image.Image, str]]] | None:
     """Name of a scene; its start and its ends, and what each is."""
-    found = []
-    for liquid in ("water", "honey"):
-        for seen, how in ((scene, ""), (scene.mirrored(), ", mirrored")):
-            stimulus = stimuli.find(seen, liquid)
-            if stimulus is not None:
-                found.append((stimulus, f"{liquid}{how}"))
-                break
-    if not found:
+    stimuli_of_scene = _of_scene(stimuli, scene)
+    if not stimuli_of_scene:
         return None
-    start = _small(Image.open(stimuli.folder / found[0][0].still).convert("RGB"))
+    first, caption = stimuli_of_scene[0]
+    start = _small(Image.open(stimuli.folder / first.still).convert("RGB"))
     ends = [
-        (_small(last_picture(stimuli.folder / stimulus.film)), _told(stimulus, how))
-        for stimulus, how in found
+        (_small(last_picture(stimuli.folder / stimulus.film)), _with_outcome(caption, stimulus))
+        for stimulus, caption in stimuli_of_scene
         if stimulus.film is not None
     ]
-    return scene.id, [(start, found[0][1] + " starts"), *ends]
+    return scene.id, [(start, f"{caption} starts"), *ends]
 
 
-def _told(stimulus: Stimulus, how: str) -> str:
+def _of_scene(stimuli: StimulusSet, scene: Scene) -> list[tuple[Stimulus, str]]:
+    """A scene's stimulus with each liquid, in a mirror if there is none without; captions."""
+    of_liquid: dict[str, tuple[Stimulus, str]] = {}
+    for seen, how in ((scene.mirrored(), ", mirrored"), (scene, "")):
+        digest = seen.digest
+        for stimulus in stimuli.manifest.stimuli:
+            if stimulus.scene == digest:
+                of_liquid[stimulus.liquid] = stimulus, stimulus.liquid + how
+    return [of_liquid[name] for name in stimuli.manifest.liquids if name in of_liquid]
+
+
+def _with_outcome(caption: str, stimulus: Stimulus) -> str:
     if stimulus.outcome is None:
-        return how
+        return caption
     stuck = f", {stimulus.stranded:.0%} stuck" if (stimulus.stranded or 0.0) >= 0.01 else ""
-    return f"{how} {stimulus.outcome:.2f}{stuck}"
+    return f"{caption} {stimulus.outcome:.2f}{stuck}"
 
 
 def _small(image: Image.Image) -> Image.Image:

@@ -2,28 +2,34 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from pourcast.engine.batch import available_cores
 from pourcast.errors import InputError, StoreError
-from pourcast.progress import Report
-from pourcast.stimuli.cycles import find_blender
+from pourcast.progress import Report, no_report
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.stimuli.manifest import (
     Manifest,
     Stimulus,
+    StimulusRequest,
     StimulusSet,
-    Wanted,
     read_set,
     set_folder,
     write_set,
 )
-from pourcast.stimuli.recipe import CyclesRecipe, Recipe
+from pourcast.stimuli.renderers.preview import Preview
+from pourcast.stimuli.settings import StimulusSettings
+from pourcast.stimuli.solvers.sph import ParticleEngine
 from pourcast.stimuli.task import WORK, StimulusTask
 from pourcast.sweep.executors import Executor
 from pourcast.sweep.executors.local import LocalExecutor
 from pourcast.sweep.task import TaskResult
+
+QUICK = StimulusSettings(solver=ParticleEngine(), renderer=Preview())
+"""There in no time: what an experiment shows if nothing better was made."""
 
 _WORTH_PROCESSES = 3
 """So many films pay for the start of other processes."""
@@ -31,13 +37,13 @@ _WORTH_PROCESSES = 3
 
 def make_stimuli(
     study: Path,
-    wanted: Sequence[Wanted],
-    recipe: Recipe,
+    requests: Sequence[StimulusRequest],
+    settings: StimulusSettings,
     *,
     replace: bool = False,
     workers: int | None = None,
     open_executor: Callable[[], Executor] | None = None,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> StimulusSet:
     """Make those stimuli that are not there yet.
 
@@ -45,15 +51,15 @@ def make_stimuli(
     ----------
     study
         The study folder.
-    wanted
+    requests
         What is to be shown.
-    recipe
-        How stimuli are made; its name is the set's.
+    settings
+        How stimuli are made; their name is the set's.
     replace
-        Whether to begin a set anew that was made by another recipe.
+        Whether to begin a set anew that was made with other settings or liquids, or is damaged.
     workers
-        Stimuli at a time; the others' cores are shared. All cores by default; one for Cycles,
-        which uses all of them by itself.
+        Stimuli at a time; the others' cores are shared. All cores by default; one for a slow
+        renderer, which uses all of them by itself.
     open_executor
         Where it is done; processes of this machine by default.
     report
@@ -68,63 +74,64 @@ def make_stimuli(
     Raises
     ------
     InputError
-        If the set was made by another recipe, or Blender is needed and isn't there.
+        If the set was made with other settings, a liquid's numbers were others, two liquids have
+        one name, or the renderer's program isn't there.
     StoreError
         If some stimuli could not be made; the others are.
     """
-    folder = set_folder(study, recipe.name)
-    found = _opened(folder, recipe, replace)
-    needed: dict[tuple[str, str], Wanted] = {}
-    for one in wanted:  # groups that see the same are shown the same files
-        key = (one.scene.digest, one.liquid)
-        if one.film or key not in needed:
-            needed[key] = one
-    missing = [one for one in needed.values() if not found.has(one)]
+    folder = set_folder(study, settings.name)
+    stimuli = _opened(folder, settings, _liquids_of(requests), replace)
+    needed: dict[str, StimulusRequest] = {}
+    for one in requests:  # groups that see the same are shown the same files
+        if one.film or one.id not in needed:
+            needed[one.id] = one
+    missing = [one for one in needed.values() if not stimuli.has(one)]
     if not missing:
-        return found
-    rendered = isinstance(recipe.look, CyclesRecipe)
-    if rendered:
-        find_blender()
-    count = workers or (1 if rendered else available_cores())
+        return stimuli
+    settings.renderer.check_available()
+    slow = settings.renderer.slow
+    count = workers or (1 if slow else available_cores())
     threads = max(1, available_cores() // count) if open_executor is None else None
-    tasks = [StimulusTask(folder.absolute(), one, recipe, threads) for one in missing]
+    tasks = [StimulusTask(folder.absolute(), one, settings, threads) for one in missing]
     films = sum(one.film for one in missing)
-    if open_executor is None and not rendered and films < _WORTH_PROCESSES:
-        return _driven(found, tasks, None, report)
+    if open_executor is None and not slow and films < _WORTH_PROCESSES:
+        return _driven(stimuli, tasks, None, report)
     with closing(open_executor() if open_executor else LocalExecutor(count)) as executor:
-        return _driven(found, tasks, executor, report)
+        return _driven(stimuli, tasks, executor, report)
 
 
-def _opened(folder: Path, recipe: Recipe, replace: bool) -> StimulusSet:
-    """The set as far as it is there."""
-    found = read_set(folder)
-    if found is not None and found.manifest.recipe != recipe:
+def _liquids_of(requests: Sequence[StimulusRequest]) -> list[Liquid]:
+    """The liquids that are to be shown."""
+    liquids: dict[str, Liquid] = {}
+    for one in requests:
+        if liquids.setdefault(one.liquid.name, one.liquid) != one.liquid:
+            raise InputError(f"liquid {one.liquid.name!r}: two liquids of one name")
+    return list(liquids.values())
+
+
+def _opened(
+    folder: Path, settings: StimulusSettings, liquids: Sequence[Liquid], replace: bool
+) -> StimulusSet:
+    """The set as far as it is there, with the liquids in its list."""
+    try:
+        there = read_set(folder)
+        if there is not None:
+            there.check_made_alike(settings, liquids)
+    except InputError:
         if not replace:
-            difference = _difference(found.manifest.recipe, recipe)
-            raise InputError(
-                f"{folder}: made with other settings ({difference}); --replace makes all its "
-                "stimuli anew"
-            )
-        found = None
-    if found is None:
+            raise
+        there = None
+    if there is None:
         _forget_work(folder)
-        found = StimulusSet(folder, Manifest(recipe=recipe))
-        write_set(found)
-    return _gathered(found)
-
-
-def _difference(old: Recipe, new: Recipe) -> str:
-    """First setting in which two recipes of one name differ."""
-    one = old.model_dump() | old.flow.model_dump() | old.look.model_dump()
-    other = new.model_dump() | new.flow.model_dump() | new.look.model_dump()
-    for name in one:
-        if name not in ("flow", "look") and one[name] != other[name]:
-            return f"{name} {one[name]}, not {other[name]}"
-    return "an older version's"
+    manifest = Manifest(settings=settings) if there is None else there.manifest
+    stimuli = StimulusSet(folder, manifest.with_liquids(liquids))
+    if stimuli != there:
+        write_set(stimuli)
+    return _gathered(stimuli)
 
 
 def _forget_work(folder: Path) -> None:
-    """Remove what another recipe left unfinished."""
+    """Remove what was left unfinished with other settings."""
     for path in sorted((folder / WORK).rglob("*"), reverse=True):
         if path.is_dir():
             path.rmdir()
@@ -132,62 +139,73 @@ def _forget_work(folder: Path) -> None:
             path.unlink()
 
 
-def _gathered(found: StimulusSet) -> StimulusSet:
+def _gathered(stimuli: StimulusSet) -> StimulusSet:
     """Put finished stimuli into the list that a worker left beside it."""
-    there = {(one.scene, one.liquid): one for one in found.manifest.stimuli}
-    entries = sorted((found.folder / WORK).glob("*.json"))
+    there = {(one.scene, one.liquid): one for one in stimuli.manifest.stimuli}
+    entries = sorted((stimuli.folder / WORK).glob("*.json"))
     if not entries:
-        return found
+        return stimuli
     for path in entries:
         try:
             stimulus = Stimulus.model_validate_json(path.read_bytes())
         except ValidationError:
             continue  # of another version; it will be made again
         there[stimulus.scene, stimulus.liquid] = stimulus
-    manifest = found.manifest.model_copy(update={"stimuli": tuple(there.values())})
-    gathered = StimulusSet(found.folder, manifest)
+    manifest = stimuli.manifest.model_copy(update={"stimuli": tuple(there.values())})
+    gathered = StimulusSet(stimuli.folder, manifest)
     write_set(gathered)
     for path in entries:
         path.unlink()
     return gathered
 
 
+@dataclass(frozen=True)
+class _Progress:
+    """Tells how many stimuli are done; of a slow renderer, how many pictures."""
+
+    tasks: dict[str, StimulusTask]
+    """Those that are not done yet, by their names."""
+    total: int
+    slow: bool
+    report: Report
+
+    def tell(self) -> None:
+        tasks = self.tasks.values()
+        if self.slow:
+            left = sum(task.picture_count - task.pictures_done for task in tasks)
+            self.report("rendering pictures", self.total - left, self.total)
+        else:
+            self.report("making stimuli", self.total - len(tasks), self.total)
+
+    def heartbeat(self, _simulations: int, _seconds: float) -> None:
+        if self.slow:
+            self.tell()
+
+
 def _driven(
-    found: StimulusSet, tasks: list[StimulusTask], executor: Executor | None, report: Report | None
+    stimuli: StimulusSet, tasks: list[StimulusTask], executor: Executor | None, report: Report
 ) -> StimulusSet:
     """Do tasks, and list each stimulus as soon as it is there."""
-    rendered = isinstance(found.manifest.recipe.look, CyclesRecipe)
-    left = {task.id: task for task in tasks}
-    total = sum(task.picture_count for task in tasks) if rendered else len(tasks)
-    done = 0
-
-    def tell() -> None:
-        if report is not None and rendered:
-            under_way = sum(min(t.pictures_done, t.picture_count) for t in left.values())
-            report("rendering pictures", min(total, done + under_way), total)
-        elif report is not None:
-            report("making stimuli", done, total)
-
-    def heartbeat(_simulations: int, _seconds: float) -> None:
-        if rendered:
-            tell()
-
-    tell()
-    results = executor.run(tasks, heartbeat) if executor else (task.run() for task in tasks)
+    slow = stimuli.manifest.settings.renderer.slow
+    total = sum(task.picture_count for task in tasks) if slow else len(tasks)
+    progress = _Progress({task.id: task for task in tasks}, total, slow, report)
+    progress.tell()
+    results = (
+        executor.run(tasks, progress.heartbeat) if executor else (task.run() for task in tasks)
+    )
     failures: list[TaskResult] = []
     for result in results:
-        task = left.pop(result.task)
-        done += task.picture_count if rendered else 1
+        progress.tasks.pop(result.task)
         if result.outcome != "done":
             failures.append(result)
         else:
-            found = _gathered(found)
-        tell()
+            stimuli = _gathered(stimuli)
+        progress.tell()
     if failures:
         first = failures[0]
         why = first.message or "another process is at it"
         raise StoreError(
-            f"{found.folder}: {len(failures)} of {len(tasks)} stimuli could not be made "
+            f"{stimuli.folder}: {len(failures)} of {len(tasks)} stimuli could not be made "
             f"({first.task}: {why}); the same command goes on from there"
         )
-    return found
+    return stimuli

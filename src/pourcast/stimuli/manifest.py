@@ -4,31 +4,32 @@
     stimuli/<solver>-<renderer>/<scene>-<liquid>.* the stimuli themselves
 
 A study can have several sets, so that a film that is tried out costs nothing; in one set all
-stimuli are made alike. File names give no outcome away.
+stimuli are made alike, of liquids whose numbers it records: what shows another liquid of the
+same name is not taken for it. File names give no outcome away.
 """
 
 import hashlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from pourcast.errors import InputError, one_line
 from pourcast.files import write_text
+from pourcast.frozen import Frozen
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
-from pourcast.stimuli.recipe import RENDERERS, SOLVERS, Recipe
+from pourcast.stimuli.renderers.registry import RENDERERS
+from pourcast.stimuli.settings import StimulusSettings, first_difference
+from pourcast.stimuli.solvers.registry import SOLVERS
 
 FOLDER = "stimuli"
 NAME = "manifest.json"
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Stimulus(_Frozen):
+class Stimulus(Frozen):
     """A scene with a liquid, as it is shown.
 
     Parameters
@@ -36,15 +37,15 @@ class Stimulus(_Frozen):
     scene
         Digest of the scene, of its mirror image if that is shown.
     liquid
-        `water` or `honey`.
+        Name of the liquid.
     still
         File name of the picture of the start, which is the film's first.
     film, webm
         File names of the film of what happens; None where there is none.
     outcome
-        Share that ends in the right basin, or in the cup; None if it was not simulated.
+        Share that the goal holds at the end; None if it was not simulated.
     stranded
-        Share that is still above the goal's rim when the film ends; likewise.
+        Share that is still above the goal's rim when the film ends; None, too.
     checksums
         SHA-256 of each file.
     """
@@ -64,22 +65,57 @@ class Stimulus(_Frozen):
         return [name for name in (self.still, self.film, self.webm) if name is not None]
 
 
-class Manifest(_Frozen):
-    """All stimuli of a set, and how they were made."""
+class Manifest(Frozen):
+    """All stimuli of a set, and how they were made.
+
+    Parameters
+    ----------
+    settings
+        How they were made; `recipe` in the file.
+    liquids
+        Name of each liquid -> all of it that its stimuli depend on.
+    stimuli
+        The stimuli.
+    """
+
+    model_config = ConfigDict(populate_by_name=True)
 
     format: Literal["pourcast-stimuli"] = "pourcast-stimuli"
-    schema_version: Literal[2] = 2
-    recipe: Recipe
+    schema_version: Literal[3] = 3
+    settings: StimulusSettings = Field(alias="recipe")
+    liquids: dict[str, dict[str, float | str | tuple[float, ...]]] = Field(default_factory=dict)
     stimuli: tuple[Stimulus, ...] = ()
+
+    def difference(self, liquid: Liquid) -> str:
+        """How a liquid differs from that of its name; empty if it doesn't, or is not there yet."""
+        if liquid.name not in self.liquids:
+            return ""
+        there = self.liquids[liquid.name]
+        difference = first_difference(there, self.settings.liquid_identity(liquid))
+        return difference and f"{liquid.name}: {difference}"
+
+    def with_liquids(self, liquids: Iterable[Liquid]) -> "Manifest":
+        """The same with further liquids."""
+        more = {liquid.name: self.settings.liquid_identity(liquid) for liquid in liquids}
+        return self.model_copy(update={"liquids": self.liquids | more})
+
+    def content(self) -> dict[str, Any]:
+        """What stands in the file."""
+        return self.model_dump(mode="json", by_alias=True)
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """A scene with water or honey that is to be shown; `film` if what happens is, too."""
+class StimulusRequest:
+    """A scene with a liquid that is to be shown; `film` if what happens is, too."""
 
     scene: Scene
-    liquid: str
+    liquid: Liquid
     film: bool = False
+
+    @property
+    def id(self) -> str:
+        """Name of the stimulus, and of its files."""
+        return f"{self.scene.digest}-{self.liquid.name}"
 
 
 @dataclass(frozen=True)
@@ -89,20 +125,22 @@ class StimulusSet:
     folder: Path
     manifest: Manifest
 
-    def find(self, scene: Scene, liquid: str) -> Stimulus | None:
-        """Stimulus of a scene with a liquid, if there is one."""
-        wanted = (scene.digest, liquid)  # the digest takes longer than the search
+    def find(self, scene: Scene, liquid: Liquid) -> Stimulus | None:
+        """Stimulus of a scene with a liquid; None if there is none, or of a liquid that differs."""
+        if self.manifest.difference(liquid):
+            return None
+        key = (scene.digest, liquid.name)  # the digest takes longer than the search
         for stimulus in self.manifest.stimuli:
-            if (stimulus.scene, stimulus.liquid) == wanted:
+            if (stimulus.scene, stimulus.liquid) == key:
                 return stimulus
         return None
 
-    def has(self, wanted: Wanted) -> bool:
+    def has(self, request: StimulusRequest) -> bool:
         """Whether a stimulus is there, with all its files as they were made."""
-        found = self.find(wanted.scene, wanted.liquid)
-        if found is None or (wanted.film and found.film is None):
+        stimulus = self.find(request.scene, request.liquid)
+        if stimulus is None or (request.film and stimulus.film is None):
             return False
-        return self.is_whole(found)
+        return self.is_whole(stimulus)
 
     def is_whole(self, stimulus: Stimulus) -> bool:
         """Whether all files of a stimulus are there, and as they were made."""
@@ -111,9 +149,28 @@ class StimulusSet:
             path.is_file() and checksum(path) == stimulus.checksums.get(path.name) for path in paths
         )
 
+    def check_made_alike(self, settings: StimulusSettings, liquids: Iterable[Liquid]) -> None:
+        """See to it that further stimuli would be made like those that are there.
+
+        Raises
+        ------
+        InputError
+            If a setting, or a number of a liquid, differs.
+        """
+        manifest = self.manifest
+        differences = [
+            manifest.settings.difference(settings),
+            *(manifest.difference(liquid) for liquid in liquids),
+        ]
+        for difference in filter(None, differences):
+            raise InputError(
+                f"{self.folder}: made with other settings ({difference}); `pourcast stimuli` with "
+                "--replace makes all its stimuli anew"
+            )
+
 
 def set_folder(study: Path, name: str) -> Path:
-    """Folder of a study's set of stimuli, by the recipe's name."""
+    """Folder of a study's set of stimuli, by the settings' name."""
     return study / FOLDER / name
 
 
@@ -123,7 +180,7 @@ def read_set(folder: Path) -> StimulusSet | None:
     Raises
     ------
     InputError
-        If its list is damaged.
+        If its list is damaged, or an older version's.
     """
     path = folder / NAME
     try:
@@ -133,29 +190,51 @@ def read_set(folder: Path) -> StimulusSet | None:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {one_line(error)}") from None
+        raise InputError(
+            f"{path}: {one_line(error)}; `pourcast stimuli` with --replace makes the set anew"
+        ) from None
 
 
-def write_set(found: StimulusSet) -> None:
+def write_set(stimuli: StimulusSet) -> None:
     """Write the list of a set."""
-    write_text(found.folder / NAME, found.manifest.model_dump_json(indent=1) + "\n")
+    content = stimuli.manifest.model_dump_json(indent=1, by_alias=True)
+    write_text(stimuli.folder / NAME, content + "\n")
 
 
 def sets_of(study: Path) -> Iterator[StimulusSet]:
     """A study's sets, those nearest to the paper's first."""
-    for renderer in RENDERERS:
-        for solver in SOLVERS:
-            found = read_set(set_folder(study, f"{solver}-{renderer}"))
-            if found is not None:
-                yield found
+    pairs = [
+        (renderer, solver)
+        for renderer in RENDERERS.names()
+        for solver in SOLVERS.names()
+        if (set_folder(study, f"{solver}-{renderer}") / NAME).is_file()
+    ]
+
+    def rank(pair: tuple[str, str]) -> tuple[int, int]:
+        return -RENDERERS.get(pair[0]).fidelity, -SOLVERS.get(pair[1]).fidelity
+
+    for renderer, solver in sorted(pairs, key=rank):
+        stimuli = read_set(set_folder(study, f"{solver}-{renderer}"))
+        if stimuli is not None:
+            yield stimuli
 
 
-def best_set(study: Path, wanted: Iterable[Wanted]) -> StimulusSet | None:
-    """The first set in which all that is wanted is there and whole; None if there is none."""
-    all_wanted = list(wanted)
-    for found in sets_of(study):
-        if all(found.has(one) for one in all_wanted):
-            return found
+def best_set(study: Path, requests: Iterable[StimulusRequest]) -> StimulusSet | None:
+    """The first set in which all that is asked for is there and whole; None if there is none.
+
+    Raises
+    ------
+    InputError
+        If there is none, but a set of liquids that have changed since.
+    """
+    asked = list(requests)
+    sets = []
+    for stimuli in sets_of(study):
+        if all(stimuli.has(request) for request in asked):
+            return stimuli
+        sets.append(stimuli)
+    for stimuli in sets:
+        stimuli.check_made_alike(stimuli.manifest.settings, (one.liquid for one in asked))
     return None
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from pourcast.extras import optional_module
-from pourcast.stimuli.poured import FULL, Moment, Poured
+from pourcast.stimuli.recording import FULL, Moment, RecordedPour
 
 _BLUR = 0.7
 """Of the fill [cells]: steps of single cells vanish, films stay."""
@@ -53,12 +53,12 @@ class Mesh:
 EMPTY = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32))
 
 
-def liquid_mesh(poured: Poured, frame: int) -> Mesh:
+def liquid_mesh(pour: RecordedPour, frame: int) -> Mesh:
     """Surface of the liquid in a picture.
 
     Parameters
     ----------
-    poured
+    pour
         The pour.
     frame
         Number of the picture.
@@ -75,24 +75,24 @@ def liquid_mesh(poured: Poured, frame: int) -> Mesh:
     InputError
         If `pysplashsurf` is not installed.
     """
-    moment = poured.moments[frame]
+    moment = pour.moments[frame]
     if moment.fill.size == 0:
-        return particles_mesh(moment.points[:, :3], poured.cell)
-    return joined([cells_mesh(moment, poured), drops_mesh(moment.points)])
+        return particles_mesh(moment.points[:, :3], pour.cell)
+    return joined([cells_mesh(moment, pour), drops_mesh(moment.points)])
 
 
-def cells_mesh(moment: Moment, poured: Poured) -> Mesh:
+def cells_mesh(moment: Moment, pour: RecordedPour) -> Mesh:
     """Surface of the liquid that fills cells."""
     fill = moment.fill.astype(np.float32) / FULL
     if not fill.any():
         return EMPTY
-    outside = np.pad(poured.solid, _MARGIN, constant_values=True)
+    outside = np.pad(pour.solid, _MARGIN, constant_values=True)
     field = _let_in(np.pad(fill, _MARGIN), outside)
     field = gaussian_filter(field, _BLUR)
     field[[0, -1]] = field[:, [0, -1]] = field[:, :, [0, -1]] = 0.0
     level = _level(field[~outside], float(fill.sum()))
-    x, y, z = (start + (0.5 - _MARGIN) * poured.cell for start in poured.origin)
-    return _cut(field, level, poured.cell, (x, y, z))
+    x, y, z = (start + (0.5 - _MARGIN) * pour.cell for start in pour.origin)
+    return _cut(field, level, pour.cell, (x, y, z))
 
 
 def _let_in(field: NDArray[np.float32], solid: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -118,11 +118,11 @@ def _cut(
     field: NDArray[np.float32], level: float, cell: float, start: tuple[float, float, float]
 ) -> Mesh:
     splash = optional_module("pysplashsurf", "stimuli")
-    found = splash.marching_cubes(
+    surface = splash.marching_cubes(
         np.ascontiguousarray(field), iso_surface_threshold=level, cube_size=cell,
         translation=list(start),
     )  # fmt: skip
-    return _outward(np.asarray(found.vertices), np.asarray(found.triangles))
+    return _outward(np.asarray(surface.vertices), np.asarray(surface.triangles))
 
 
 def particles_mesh(positions: NDArray[np.float32], spacing: float) -> Mesh:
@@ -136,14 +136,14 @@ def particles_mesh(positions: NDArray[np.float32], spacing: float) -> Mesh:
         Of the particles [m].
     """
     splash = optional_module("pysplashsurf", "stimuli")
-    found, _ = splash.reconstruction_pipeline(
+    reconstruction, _ = splash.reconstruction_pipeline(
         np.ascontiguousarray(positions, dtype=np.float32),
         particle_radius=_RADIUS * spacing,
         mesh_smoothing_iters=_SMOOTHING,
         mesh_smoothing_weights=True,
         **_SPLASH,
     )
-    mesh = found.mesh
+    mesh = reconstruction.mesh
     return _outward(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
 
 

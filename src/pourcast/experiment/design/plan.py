@@ -20,12 +20,12 @@ from pourcast.experiment.design.settings import (
     read_design,
     study_goal,
 )
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
+from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
-from pourcast.stimuli.make import make_stimuli
-from pourcast.stimuli.manifest import FOLDER, StimulusSet, Wanted, best_set, sets_of
-from pourcast.stimuli.recipe import QUICK
-from pourcast.study.folder import load_practice, study_experiment, study_scenes
+from pourcast.stimuli.make import QUICK, make_stimuli
+from pourcast.stimuli.manifest import FOLDER, StimulusRequest, StimulusSet, best_set, sets_of
+from pourcast.study.folder import load_practice, study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import TEST
 
 PRACTICE = "practice"
@@ -198,17 +198,23 @@ class Stock:
     def prepare(self, report: Report | None = None) -> None:
         """Choose the stimuli; if no set has all that is wanted, make quick ones."""
         shown = self.wanted()
-        wanted = [Wanted(one.seen, one.liquid, one.film) for one in shown]
-        stimuli = best_set(self.study, wanted)
+        requests = [self._request(one) for one in shown]
+        stimuli = best_set(self.study, requests)
         if stimuli is None:
-            stimuli = make_stimuli(self.study, wanted, QUICK, report=report)
+            stimuli = make_stimuli(self.study, requests, QUICK, report=report or no_report)
         self._stimuli = stimuli
         for one in shown:
             self._names[one.key] = self._handed_out(one, stimuli)
 
+    def _request(self, shown: Shown) -> StimulusRequest:
+        """The stimulus that shows a trial."""
+        liquid = resolve_liquid(shown.liquid, shown.scene, study_liquids(self.study))
+        return StimulusRequest(shown.seen, liquid, shown.film)
+
     def _handed_out(self, shown: Shown, stimuli: StimulusSet) -> tuple[str, str]:
         """Names of still and film (empty without one)."""
-        stimulus = stimuli.find(shown.seen, shown.liquid)
+        request = self._request(shown)
+        stimulus = stimuli.find(request.scene, request.liquid)
         if stimulus is None:
             raise InputError(
                 f"{self.study / FOLDER}: no stimulus of scene {shown.scene.id} ({shown.liquid}"

@@ -22,7 +22,6 @@ from mathutils import Vector
 WALL = (0.80, 0.80, 0.77)
 OBSTACLE = (0.105, 0.13, 0.16)
 GOAL = (0.42, 0.14, 0.07)
-LIQUID = {"water": (0.55, 0.80, 1.0), "honey": (0.95, 0.42, 0.03)}
 DIFFUSE_SHARE = 0.05
 ROUGHNESS = 0.061
 REFRACTION = 1.330
@@ -47,7 +46,7 @@ def main(path: str) -> None:
     light(job["box"])
     aim(job["box"], job["size"])
     configure(job)
-    material = liquid_material(job["liquid"])
+    material = liquid_material(job["liquid_colour"])
     for mesh, picture in job["pictures"]:
         if os.getppid() != parent:  # whoever wanted the pictures is gone
             return
@@ -128,8 +127,8 @@ def matte(name: str, colour: tuple[float, ...]) -> Any:
     return material
 
 
-def liquid_material(liquid: str) -> Any:
-    """The paper's mix of diffuse and glass."""
+def liquid_material(tint: Sequence[float]) -> Any:
+    """The paper's mix of diffuse and glass, in a colour (red, green, blue, 0..1)."""
     material = bpy.data.materials.new("liquid")
     material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
@@ -138,7 +137,7 @@ def liquid_material(liquid: str) -> Any:
     mix = nodes.new("ShaderNodeMixShader")
     diffuse = nodes.new("ShaderNodeBsdfDiffuse")
     glass = nodes.new("ShaderNodeBsdfGlass")
-    colour = (*LIQUID[liquid], 1.0)
+    colour = (*tint, 1.0)
     mix.inputs["Fac"].default_value = DIFFUSE_SHARE
     diffuse.inputs["Color"].default_value = colour
     glass.inputs["Color"].default_value = colour

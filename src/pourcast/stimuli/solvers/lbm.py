@@ -1,90 +1,95 @@
 """Free-surface lattice Boltzmann, as the paper's stimuli; independent of the particle engine."""
 
+from typing import Any, ClassVar
+
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from pourcast.pictures.video import FRAME_RATE
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow, LatticeSettings
 from pourcast.stimuli.lattice_boltzmann.voxels import Voxels, voxelise
-from pourcast.stimuli.poured import FULL, Moment, Poured
-from pourcast.stimuli.recipe import LatticeRecipe
-
-WATER_VISCOSITY = 1e-3
-"""[Pa s] (paper, section "Stimuli": 1 cP)."""
-
-HONEY_VISCOSITY = {"basins": 0.1, "cup": 0.002}
-"""[Pa s], by the goal: 100 cP in Experiment 1, 2 cP in Experiment 2 (likewise)."""
-
-DENSITY = 1000.0
-"""Of all liquids [kg/m^3]; only their ratio of viscosity to density counts."""
+from pourcast.stimuli.recording import FULL, Moment, RecordedPour
+from pourcast.stimuli.solvers.base import Solver
 
 
-def pour(
-    scene: Scene,
-    liquid: str,
-    recipe: LatticeRecipe,
-    seconds: float,
-    *,
-    threads: int = 1,
-    report: Report | None = None,
-) -> Poured:
-    """Pour a liquid into a scene.
+class LatticeBoltzmann(Solver):
+    """The lattice-Boltzmann solver.
 
     Parameters
     ----------
-    scene
-        The scene.
-    liquid
-        `water` or `honey`.
-    recipe
-        Settings of the solver.
-    seconds
-        Length of the film [s], in the real size's time.
-    threads
-        Threads; the result doesn't depend on them.
-    report
-        Told of the pictures that are done.
+    resolution
+        Cells along the box's longest side (paper: 300).
+    real_size
+        Real length of that side [m]. Water in a small box falls and comes to rest sooner; paper:
+        0.5.
     """
-    voxels = voxelise(scene, recipe.resolution)
-    flow = start_flow(scene, liquid, recipe, voxels, threads)
-    count = max(1, round(seconds * FRAME_RATE))
-    moments = [_moment(flow, voxels)]
-    for k in range(1, count):
-        flow.advance(k / FRAME_RATE)
-        moments.append(_moment(flow, voxels))
-        if report is not None:
+
+    name: ClassVar[str] = "lbm"
+    fidelity: ClassVar[int] = 1
+    independent: ClassVar[bool] = True
+
+    resolution: int = Field(default=100, ge=20, le=600)
+    real_size: float = Field(default=0.5, gt=0.0, le=20.0)
+
+    def pour(
+        self,
+        scene: Scene,
+        liquid: Liquid,
+        seconds: float,
+        *,
+        threads: int = 1,
+        report: Report = no_report,
+    ) -> RecordedPour:
+        """Pour a liquid, `seconds` in the real size's time. See `Solver.pour`."""
+        voxels = voxelise(scene, self.resolution)
+        flow = start_flow(scene, liquid, self, voxels, threads)
+        count = max(1, round(seconds * FRAME_RATE))
+        moments = [_moment(flow, voxels)]
+        for k in range(1, count):
+            flow.advance(k / FRAME_RATE)
+            moments.append(_moment(flow, voxels))
             report("pouring", k + 1, count)
-    outcome, stranded = shares(flow, voxels, scene)
-    return Poured(tuple(moments), voxels.cell, voxels.origin, voxels.solid, outcome, stranded)
+        outcome, stranded = shares(flow, voxels, scene)
+        return RecordedPour(
+            tuple(moments), voxels.cell, voxels.origin, voxels.solid, outcome, stranded
+        )
+
+    def liquid_identity(self, liquid: Liquid) -> dict[str, Any]:
+        """Viscosity, and what walls do. See `Solver.liquid_identity`."""
+        return {
+            "kinematic_viscosity": liquid.kinematic_viscosity,
+            "slip": liquid.slip,
+            "wall_pull": liquid.wall_pull,
+        }
 
 
 def pour_to_end(
-    scene: Scene, liquid: str, recipe: LatticeRecipe, seconds: float
+    scene: Scene, liquid: Liquid, solver: LatticeBoltzmann, seconds: float
 ) -> tuple[float, float]:
     """Pour without pictures; see `shares` for what is returned."""
-    voxels = voxelise(scene, recipe.resolution)
-    flow = start_flow(scene, liquid, recipe, voxels)
+    voxels = voxelise(scene, solver.resolution)
+    flow = start_flow(scene, liquid, solver, voxels)
     flow.advance(seconds)
     return shares(flow, voxels, scene)
 
 
 def start_flow(
-    scene: Scene, liquid: str, recipe: LatticeRecipe, voxels: Voxels, threads: int = 1
+    scene: Scene, liquid: Liquid, solver: LatticeBoltzmann, voxels: Voxels, threads: int = 1
 ) -> LatticeFlow:
     """The liquid at its start, in its real size."""
-    honey = liquid == "honey"
-    thick = recipe.honey_viscosity or HONEY_VISCOSITY[scene.goal.kind]
-    scale = recipe.real_size / max(scene.box.width, scene.box.height, scene.box.depth)
+    scale = solver.real_size / max(scene.box.width, scene.box.height, scene.box.depth)
     return LatticeFlow(
         fill=voxels.fill,
         solid=voxels.solid,
         cell=voxels.cell * scale,
-        viscosity=(thick if honey else WATER_VISCOSITY) / DENSITY,
+        viscosity=liquid.kinematic_viscosity,
         normal=voxels.normal,
-        slip=recipe.honey_slip if honey else 1.0,
-        adhesion=recipe.honey_adhesion if honey else 0.0,
+        slip=liquid.slip,
+        adhesion=liquid.wall_pull,
         settings=LatticeSettings(threads=threads),
     )
 
@@ -119,3 +124,6 @@ def _moment(flow: LatticeFlow, voxels: Voxels) -> Moment:
     points = np.vstack([_placed(drops, flow, voxels), volumes])
     fill = np.round(FULL * flow.grid("fill")).astype(np.uint8)
     return Moment(fill, points.T.astype(np.float32))
+
+
+SOLVER = LatticeBoltzmann

@@ -1,53 +1,77 @@
 """The particle engine's own ground truth: at once, but no independent witness."""
 
 import math
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from pourcast.models.base import SimulationModel
 from pourcast.models.registry import make_model
 from pourcast.pictures.video import FRAME_RATE
-from pourcast.scenes.liquids.registry import resolve_liquid
+from pourcast.progress import Report, no_report
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.simulation.settings import EngineSettings
-from pourcast.stimuli.poured import Moment, Poured
+from pourcast.stimuli.recording import Moment, RecordedPour
+from pourcast.stimuli.solvers.base import Solver
 
-_TRUTH = {"water": "truth-water", "honey": "truth-honey"}
+
+class ParticleEngine(Solver):
+    """The particle engine's undamped pour; there is nothing to set."""
+
+    name: ClassVar[str] = "sph"
+
+    def pour(
+        self,
+        scene: Scene,
+        liquid: Liquid,
+        seconds: float,
+        *,
+        threads: int = 1,  # a single pour runs in one
+        report: Report = no_report,
+    ) -> RecordedPour:
+        """Pour a liquid. See `Solver.pour`."""
+        truth = true_pour(scene, liquid)
+        count = max(1, round(seconds * FRAME_RATE))
+        settings = EngineSettings(max_duration=count / FRAME_RATE, frame_rate=FRAME_RATE)
+        (end,) = simulate([truth], settings=settings, record=True)
+        assert end.frames is not None
+        volume = math.pi / 4 * scene.liquid.diameter**2 * scene.box.depth / truth.n_particles
+        last = len(end.frames) - 1
+        moments = []
+        no_cells = np.zeros((0, 0, 0), dtype=np.uint8)
+        for k in range(count):
+            place = end.frames[min(k, last)]
+            points = np.column_stack([place, np.full(len(place), volume, dtype=np.float32)])
+            moments.append(Moment(no_cells, points.astype(np.float32)))
+        report("pouring", count, count)
+        return RecordedPour(
+            moments=tuple(moments),
+            cell=truth.spacing,
+            origin=(0.0, 0.0, 0.0),
+            solid=no_cells.astype(bool),
+            outcome=end.judgment,
+            stranded=end.stranded,
+        )
+
+    def liquid_identity(self, liquid: Liquid) -> dict[str, Any]:
+        """What the particle engine knows of it. See `Solver.liquid_identity`."""
+        return liquid.engine_identity
 
 
-def pour(scene: Scene, liquid: str, seconds: float) -> Poured:
-    """Pour a liquid into a scene.
+def true_pour(scene: Scene, liquid: Liquid) -> Pour:
+    """The ground truth's pour, of any liquid.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    liquid
-        `water` or `honey`.
-    seconds
-        Length of the film [s].
+    Stickiness depends on the number of particles: a liquid that sticks has as many as the paper's
+    true honey, any other as many as its true water.
     """
-    model = make_model(_TRUTH[liquid])
+    model = make_model("truth-honey" if liquid.sticky else "truth-water")
     assert isinstance(model, SimulationModel)
-    (job,) = model.pours(scene, resolve_liquid(liquid, scene), 0)
-    count = max(1, round(seconds * FRAME_RATE))
-    settings = EngineSettings(max_duration=count / FRAME_RATE, frame_rate=FRAME_RATE)
-    (end,) = simulate([job], settings=settings, record=True)
-    assert end.frames is not None
-    volume = math.pi / 4 * scene.liquid.diameter**2 * scene.box.depth / job.n_particles
-    last = len(end.frames) - 1
-    moments = []
-    no_cells = np.zeros((0, 0, 0), dtype=np.uint8)
-    for k in range(count):
-        place = end.frames[min(k, last)]
-        points = np.column_stack([place, np.full(len(place), volume, dtype=np.float32)])
-        moments.append(Moment(no_cells, points.astype(np.float32)))
-    return Poured(
-        moments=tuple(moments),
-        cell=job.spacing,
-        origin=(0.0, 0.0, 0.0),
-        solid=no_cells.astype(bool),
-        outcome=end.judgment,
-        stranded=end.stranded,
-    )
+    (pour,) = model.pours(scene, liquid)
+    return replace(pour, liquid=liquid)
+
+
+SOLVER = ParticleEngine

@@ -4,27 +4,27 @@ Solids are bevelled and lit from above on the left. The liquid is as opaque as i
 films and drops are told from pools.
 """
 
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
+from pydantic import Field
 from scipy.ndimage import distance_transform_edt, gaussian_filter, shift
 
 from pourcast.pictures.video import Picture
 from pourcast.scenes.geometry import Polygon
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
-from pourcast.stimuli.poured import FULL, Moment, Poured
+from pourcast.stimuli.recording import FULL, Moment, RecordedPour
+from pourcast.stimuli.renderers.base import Renderer
 
 Array = NDArray[np.float32]
 
 _WALL = np.array([0.955, 0.955, 0.94], np.float32)
 _OBSTACLE = np.array([0.38, 0.42, 0.47], np.float32)
 _GOAL = np.array([0.66, 0.42, 0.31], np.float32)
-_COLOUR = {
-    "water": np.array([0.12, 0.43, 0.80], np.float32),
-    "honey": np.array([0.85, 0.54, 0.02], np.float32),
-}
 _SHINE, _STEEP = 0.3, 36.0
 """How bright rims are that face the light, and from which slope on [1/m]."""
 _LIGHT = np.array([-0.5, -0.85])
@@ -38,44 +38,51 @@ _THIN, _THICK = 0.3, 0.9
 """Depth at which liquid is first seen, and at which it is seen for good [cells]."""
 
 
-def picture_maker(scene: Scene, liquid: str, poured: Poured, width: int) -> Picture:
-    """What draws the pictures of a pour.
+class Preview(Renderer):
+    """The flat renderer.
 
     Parameters
     ----------
-    scene
-        The scene.
-    liquid
-        `water` or `honey`.
-    poured
-        The pour.
     width
-        Of the pictures [pixels].
-
-    Returns
-    -------
-    callable
-        From a picture's number to red, green, blue, shape [height, width, 3].
+        Of the pictures [pixels]; their height follows from the box.
     """
-    height = 2 * round(width * scene.box.height / scene.box.width / 2)
-    size = (width, height)
-    empty, solid = _solids(scene, size)
-    colour = _COLOUR[liquid]
-    background = _as_bytes(empty)
 
-    def picture(number: int) -> NDArray[np.uint8]:
-        fields = _fields(poured.moments[number], poured, scene)
-        depth, seen, gleam = (_stretched(field, scene, size) for field in fields)
-        image = background.copy()
-        wet = (seen > 0.0) & (solid < 1.0)
-        cover = _smooth(seen[wet]) * (1.0 - solid[wet])
-        share = (cover * (0.55 + 0.35 * np.minimum(depth[wet], 1.0)))[:, None]
-        shades = empty[wet] + share * (colour - empty[wet])
-        shades += (_SHINE * gleam[wet] * cover)[:, None] * (1.0 - shades)
-        image[wet] = _as_bytes(shades)
-        return image
+    name: ClassVar[str] = "preview"
 
-    return picture
+    width: int = Field(default=600, ge=80, le=4000, multiple_of=2)
+
+    def picture_maker(
+        self,
+        scene: Scene,
+        liquid: Liquid,
+        pour: RecordedPour,
+        folder: Path | None = None,  # keeps no files
+        *,
+        threads: int = 0,  # one is enough
+    ) -> Picture:
+        """What gives the pictures of a pour. See `Renderer.picture_maker`."""
+        size = (self.width, 2 * round(self.width * scene.box.height / scene.box.width / 2))
+        empty, solid = _solids(scene, size)
+        colour = np.array(liquid.rgb, np.float32)
+        background = _as_bytes(empty)
+
+        def picture(number: int) -> NDArray[np.uint8]:
+            fields = _fields(pour.moments[number], pour, scene)
+            depth, seen, gleam = (_stretched(field, scene, size) for field in fields)
+            image = background.copy()
+            wet = (seen > 0.0) & (solid < 1.0)
+            cover = _smooth(seen[wet]) * (1.0 - solid[wet])
+            share = (cover * (0.55 + 0.35 * np.minimum(depth[wet], 1.0)))[:, None]
+            shades = empty[wet] + share * (colour - empty[wet])
+            shades += (_SHINE * gleam[wet] * cover)[:, None] * (1.0 - shades)
+            image[wet] = _as_bytes(shades)
+            return image
+
+        return picture
+
+    def liquid_identity(self, liquid: Liquid) -> dict[str, Any]:
+        """Its colour. See `Renderer.liquid_identity`."""
+        return {"colour": liquid.colour}
 
 
 def _as_bytes(shades: Array) -> NDArray[np.uint8]:
@@ -98,14 +105,14 @@ class _Field(NamedTuple):
     origin: tuple[float, float]
 
 
-def _fields(moment: Moment, poured: Poured, scene: Scene) -> tuple[_Field, _Field, _Field]:
+def _fields(moment: Moment, pour: RecordedPour, scene: Scene) -> tuple[_Field, _Field, _Field]:
     """Share of the box's depth that is liquid; how well it is seen; how much it gleams."""
     if moment.fill.size == 0:
-        depth, seen, cell = _particles_seen(moment, poured.cell, scene)
+        depth, seen, cell = _particles_seen(moment, pour.cell, scene)
         origin = (0.0, 0.0)
     else:
-        depth, seen, cell = *_cells_seen(moment, poured), poured.cell
-        origin = poured.origin[:2]
+        depth, seen, cell = *_cells_seen(moment, pour), pour.cell
+        origin = pour.origin[:2]
     slope = np.gradient(gaussian_filter(_smooth(seen), 0.5), cell)
     gleam = np.clip((-_LIGHT[0] * slope[0] + _LIGHT[1] * slope[1]) / _STEEP, 0.0, 1.0)
     return (
@@ -115,14 +122,14 @@ def _fields(moment: Moment, poured: Poured, scene: Scene) -> tuple[_Field, _Fiel
     )
 
 
-def _cells_seen(moment: Moment, poured: Poured) -> tuple[Array, Array]:
+def _cells_seen(moment: Moment, pour: RecordedPour) -> tuple[Array, Array]:
     layers = moment.fill.shape[2]
     depth = moment.fill.sum(axis=2, dtype=np.float32) / (FULL * layers)
     places = [
-        np.clip(((moment.points[:, k] - poured.origin[k]) / poured.cell).astype(int), 0, n - 1)
+        np.clip(((moment.points[:, k] - pour.origin[k]) / pour.cell).astype(int), 0, n - 1)
         for k, n in enumerate(depth.shape)
     ]
-    np.add.at(depth, tuple(places), moment.points[:, 3] / (poured.cell**3 * layers))
+    np.add.at(depth, tuple(places), moment.points[:, 3] / (pour.cell**3 * layers))
     return depth, (depth * layers - _THIN) / (_THICK - _THIN)
 
 
@@ -184,3 +191,6 @@ def _lighting(mask: Array, scale: float) -> Array:
     tilt = slope[1] * -_LIGHT[0] + slope[0] * -_LIGHT[1]
     brightness: Array = (1.0 - 0.35 * np.clip(-tilt, -1.0, 1.0)).astype(np.float32)
     return brightness
+
+
+RENDERER = Preview

@@ -1,4 +1,4 @@
-"""A liquid's pour as pictures need it: cells that it fills, drops that fly, picture by picture."""
+"""A recorded pour, for pictures: cells that the liquid fills, drops that fly, moment by moment."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,8 +31,8 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Poured:
-    """A liquid's whole pour, in the scene's measure.
+class RecordedPour:
+    """A pour as it was recorded, in the scene's measure.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ class Poured:
     solid
         Which cells are solid, shape [nx, ny, nz].
     outcome
-        Share that ends in the right basin, or in the cup; NaN if it wasn't poured to the end.
+        Share that the goal holds at the end.
     stranded
-        Share that is still above the goal's rim at the end; NaN likewise.
+        Share that is still above the goal's rim at the end.
     """
 
     moments: tuple[Moment, ...]
@@ -69,30 +69,30 @@ def volume_of(moment: Moment, cell: float) -> float:
     return held + float(moment.points[:, 3].sum(dtype=np.float64))
 
 
-def save_poured(path: Path, poured: Poured) -> None:
+def save_pour(path: Path, pour: RecordedPour) -> None:
     """Keep a pour as an .npz file."""
-    counts = [len(moment.points) for moment in poured.moments]
+    counts = [len(moment.points) for moment in pour.moments]
     with replacing(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream,
-            fill=np.stack([moment.fill for moment in poured.moments]),
-            points=np.concatenate([moment.points for moment in poured.moments]),
+            fill=np.stack([moment.fill for moment in pour.moments]),
+            points=np.concatenate([moment.points for moment in pour.moments]),
             ends=np.cumsum(counts),
-            cell=poured.cell,
-            origin=poured.origin,
-            solid=poured.solid,
-            outcome=poured.outcome,
-            stranded=poured.stranded,
+            cell=pour.cell,
+            origin=pour.origin,
+            solid=pour.solid,
+            outcome=pour.outcome,
+            stranded=pour.stranded,
         )
 
 
-def load_poured(path: Path) -> Poured:
-    """Read what `save_poured` kept."""
+def load_pour(path: Path) -> RecordedPour:
+    """Read what `save_pour` kept."""
     with np.load(path) as file:
         fill, ends = file["fill"], file["ends"]
         points = np.split(file["points"], ends[:-1])
         x, y, z = (float(value) for value in file["origin"])
-        return Poured(
+        return RecordedPour(
             moments=moments_of(fill, points),
             cell=float(file["cell"]),
             origin=(x, y, z),
