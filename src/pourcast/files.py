@@ -37,7 +37,7 @@ def replacing(path: Path, name: Callable[[Path], str] | None = None) -> Iterator
         if path.is_dir():
             raise IsADirectoryError("it is a folder")
         temporary = path.with_name(f".{path.stem}-{secrets.token_hex(8)}{path.suffix}")
-        # The system takes the umask off. Asking for the umask would mean to set it, for all threads.
+        # The system takes the umask off. Asking for it would mean to set it, for all threads.
         os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error

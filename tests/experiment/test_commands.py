@@ -6,7 +6,7 @@ import pytest
 
 from pourcast import cli
 from pourcast.experiment.page import pages
-from pourcast.experiment.server.serve import Address, lock_study
+from pourcast.experiment.server.process import Address, lock_study
 from tests.experiment.make import small_study
 from tests.experiment.server_process import ServerProcess, Sturdy
 

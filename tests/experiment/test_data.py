@@ -31,9 +31,11 @@ def collected(tmp_path):
         for step in half["steps"][:8]:
             api.put(half, step["seq"], answer(step["kind"], 0.75))
         api.put(half, 3, judgment(0.1))
-        from pourcast.experiment.design.links import key
+        from pourcast.experiment.design.links import link_key
 
-        api.run(api.begin("request-3", link={"preview": key(api.storage.secret, "preview")}).json())
+        api.run(
+            api.begin("request-3", link={"preview": link_key(api.storage.secret, "preview")}).json()
+        )
     return study
 
 
@@ -172,7 +174,7 @@ def test_a_file_that_a_participant_downloaded_completes_the_session(tmp_path, ca
 def test_a_file_of_a_session_that_no_server_saw_makes_one(tmp_path, capsys):
     study = small_study(tmp_path / "s", design=EXP1)
     with api_of(study) as api:
-        steps = [step.model_dump() for step in api.experiment.stock.plan(0, 2)]
+        steps = [step.model_dump() for step in api.experiment.materials.steps(0, 2)]
     opening = {
         "format": "pourcast-records", "schema_version": 1, "session": "a1b2c3d4e5", "entry": "jatos",
         "identifiers": {"PROLIFIC_PID": "5f0"}, "group": 0, "place": 2,

@@ -5,7 +5,7 @@ import os
 
 from pourcast.experiment.storage import journal as journal_module
 from pourcast.experiment.storage.journal import Journal
-from pourcast.experiment.storage.storage import Record
+from pourcast.experiment.storage.records import Record
 
 
 def records(*numbers, session=1):

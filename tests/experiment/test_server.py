@@ -5,8 +5,8 @@ import json
 import pytest
 
 from pourcast.errors import StoreError
-from pourcast.experiment.design.links import key
-from pourcast.experiment.storage.records import MAX_BODY
+from pourcast.experiment.design.links import link_key
+from pourcast.experiment.storage.record_bodies import MAX_BODY
 from pourcast.stimuli.manifest import NAME
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, EXP2, answer, judgment, small_study
@@ -40,7 +40,7 @@ def test_the_same_post_twice_is_one_record_and_another_is_kept_aside(api):
     told = api.begin().json()
     said = [api.put(told, 3, judgment(r)).json()["saved"] for r in (0.5, 0.5, 0.6)]
     assert said == ["new", "repeated", "conflict"]
-    assert len(api.storage.records()) == len(api.storage.kept_aside()) == 1
+    assert len(api.storage.records()) == len(api.storage.conflicts()) == 1
 
 
 def test_the_end_names_what_is_missing_and_takes_exactly_that(api):
@@ -119,7 +119,7 @@ def test_a_link_that_is_none_of_ours_is_refused(api, link, refused):
 
 
 def test_nobody_is_simulated_where_nobody_rehearses(api):
-    said = api.begin(link={"simulation": key(api.storage.secret, "simulation")})
+    said = api.begin(link={"simulation": link_key(api.storage.secret, "simulation")})
     assert said.status_code == 403
 
 
@@ -144,7 +144,7 @@ def test_prolifics_participants_are_hashed_and_get_their_codes(tmp_path):
 def test_experiment_2_shows_everybody_both_liquids_and_honey_in_a_mirror(tmp_path):
     with api_of(small_study(tmp_path, "exp2")) as api:
         told = api.begin().json()
-        plan = api.storage.sessions()[0].plan
+        plan = api.storage.sessions()[0].steps
         test = [step for step in plan if step.phase == "test"]
         assert len(test) == 12
         assert {(s.liquid, s.mirrored) for s in test} == {("water", False), ("honey", True)}
@@ -164,7 +164,7 @@ def test_media_are_named_by_nothing_that_tells_and_test_films_are_not_served(api
         got = api.client.get(f"/media/{name}")
         assert got.status_code == 200
         assert len(name.split(".")[0]) == 32
-    stimuli = api.experiment.stock.stimuli
+    stimuli = api.experiment.materials.stimuli
     assert practice[0]["film"] not in (stimuli.folder / NAME).read_text()
     films = [one.film for one in stimuli.manifest.stimuli if one.film]
     for name in [*films, "manifest.json", "..%2fmanifest.json", "../study.toml"]:
@@ -285,11 +285,11 @@ def test_admin_is_not_there_where_it_is_off(tmp_path):
     from starlette.testclient import TestClient
 
     from pourcast.experiment.server.app import create_app
-    from pourcast.experiment.server.service import Experiment
+    from pourcast.experiment.server.live_experiment import LiveExperiment
     from pourcast.experiment.storage.storage import Storage
 
     study = small_study(tmp_path)
-    experiment = Experiment(study, Storage.of_study(study))
+    experiment = LiveExperiment(study, Storage.of_study(study))
     with TestClient(create_app(experiment)) as client:
         token = experiment.storage.admin_token
         assert client.get(f"/admin?token={token}").status_code == 404

@@ -119,7 +119,7 @@ def stimuli(
 
     Example: pourcast stimuli my-study --preview
     """
-    from pourcast.experiment.design.plan import all_shown
+    from pourcast.experiment.design.materials import study_trials
     from pourcast.stimuli.contact_sheet import write_contact_sheet
     from pourcast.stimuli.make import make_stimuli
     from pourcast.stimuli.manifest import Wanted
@@ -145,9 +145,9 @@ def stimuli(
     if scene:
         chosen = {pick_scene([*known, *practice], name, study).id for name in scene}
     wanted = [
-        Wanted(one.seen, one.liquid, film=True)
-        for one in all_shown(study)
-        if one.scene.id in chosen and liquid in (None, one.liquid)
+        Wanted(trial.shown_scene, trial.liquid, film=True)
+        for trial in study_trials(study)
+        if trial.scene.id in chosen and liquid in (None, trial.liquid)
     ]
     with progress_bar() as report:
         made = make_stimuli(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pourcast.errors import InputError
-from pourcast.experiment.design.plan import Stock
+from pourcast.experiment.design.materials import Materials
 from pourcast.files import write_text
 
 WEB = Path(__file__).parent / "web"
@@ -63,12 +63,12 @@ def write_page(folder: Path, texts: Mapping[str, Any], language: str, transport:
     shutil.copytree(DIST / "assets", folder / "assets")
 
 
-def participant_view(stock: Stock, texts: Mapping[str, Any]) -> dict[str, Any]:
+def participant_view(materials: Materials, texts: Mapping[str, Any]) -> dict[str, Any]:
     """What every browser must know of an experiment."""
-    design, box = stock.design, stock.scenes[0].box
+    design, box = materials.design, materials.scenes[0].box
     return {
         "texts": texts,
-        "goal": stock.scenes[0].goal.kind,
+        "goal": materials.scenes[0].goal.kind,
         "aspect": box.width / box.height,
         "slider": design.slider.model_dump(),
         **design.model_dump(
