@@ -3,14 +3,15 @@
 import sqlite3
 
 import pytest
+import sqlalchemy as sa
 
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.design.steps import Step
 from pourcast.experiment.storage import database as database_module
 from pourcast.experiment.storage.records import MAX_CONFLICTS, Record, SaveResult
 from pourcast.experiment.storage.sessions import Arrival, Refusal
-from pourcast.experiment.storage.storage import Storage
-from tests.experiment.make import arrival
+from pourcast.experiment.storage.storage import Storage, study_storage
+from tests.experiment.make import arrival, small_study
 
 STEPS = [Step(seq=k, kind="judgment", phase="test", trial=k + 1) for k in range(4)]
 
@@ -134,7 +135,7 @@ def test_all_is_there_when_it_is_opened_again(storage, database):
     storage.save([record(session, k) for k in (2, 0)])
     again = Storage(database)
     assert again.sessions() == storage.sessions()
-    assert again.done(session.number) == [0, 2]
+    assert again.saved_steps(session.number) == [0, 2]
     assert again.session_of(token).steps == tuple(STEPS)
     assert (again.secret, again.admin_token) == (storage.secret, storage.admin_token)
     again.close()
@@ -202,8 +203,6 @@ def test_a_disk_that_is_full_saves_nothing_and_says_so_then_all_goes_on(tmp_path
 
         return set_limit
 
-    import sqlalchemy as sa
-
     full = limit(pages)
     sa.event.listen(storage.engine, "connect", full)
     storage.engine.dispose()
@@ -218,3 +217,36 @@ def test_a_disk_that_is_full_saves_nothing_and_says_so_then_all_goes_on(tmp_path
     assert sqlite3.connect(tmp_path / "x.sqlite").execute("PRAGMA integrity_check").fetchone() == (
         "ok",
     )
+
+
+def test_a_studys_database_is_made_only_where_somebody_may_take_part(tmp_path):
+    study = small_study(tmp_path / "s")
+    with (
+        pytest.raises(InputError, match="not there; nobody has taken part yet"),
+        study_storage(study, None),
+    ):
+        pass
+    assert not (study / "responses.sqlite").exists()
+    with study_storage(study, None, must_exist=False) as storage:
+        secret = storage.secret
+    with study_storage(study, None) as storage:
+        assert storage.secret == secret
+    with (
+        pytest.raises(InputError, match="expected a study folder"),
+        study_storage(tmp_path / "nothing", None, must_exist=False),
+    ):
+        pass
+
+
+def test_a_file_that_cannot_be_written_anew_after_a_deletion_is_told_of(tmp_path, monkeypatch):
+    storage = Storage(f"sqlite:///{tmp_path / 'x.sqlite'}")
+    session, _, _ = begin(storage, "r1")
+
+    def full(connection, statement):
+        raise sa.exc.OperationalError(statement, None, Exception("disk is full"))
+
+    monkeypatch.setattr(sa.Connection, "exec_driver_sql", full)
+    with pytest.raises(StoreError, match=r"rows were deleted, but .* anew .*\(disk is full\)"):
+        storage.delete([session.number])
+    assert storage.sessions() == []
+    storage.close()

@@ -228,8 +228,13 @@ class _Api:
 
     async def finish(self, request: Request) -> Response:
         """End a session, or name the steps that are missing."""
-        session = await self._session(request)
+        session = await self.experiment.session_of(_token(request))
         content = await _parsed(request, _FinishContent)
+        if session is None and content.state == "declined":
+            # Deleted before, and the browser never got the answer.
+            return JSONResponse({"missing": [], "code": "", "redirect": ""})
+        if session is None:
+            raise Refusal("gone")
         missing = await self.experiment.finish(session, content.state)
         if missing:
             return JSONResponse({"missing": missing})
