@@ -2,6 +2,8 @@
 
 import os
 import stat
+import threading
+import time
 
 import pytest
 
@@ -25,6 +27,40 @@ def test_new_files_have_ordinary_permissions(tmp_path):
     umask = os.umask(0)
     os.umask(umask)
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
+
+
+def test_writing_in_threads_changes_no_other_files_permissions(tmp_path, monkeypatch):
+    umask = os.umask
+
+    def slow_umask(mask):
+        before = umask(mask)
+        time.sleep(0.002)  # the other threads' turn, where it does most harm
+        return before
+
+    before = umask(0o027)
+    monkeypatch.setattr(os, "umask", slow_umask)
+    try:
+        writers = [
+            threading.Thread(target=_write_often, args=(tmp_path / f"{k}.txt",)) for k in range(4)
+        ]
+        for writer in writers:
+            writer.start()
+        count = 0
+        while any(writer.is_alive() for writer in writers):
+            count += 1
+            os.close(os.open(tmp_path / f"other-{count}", os.O_WRONLY | os.O_CREAT, 0o666))
+            time.sleep(0.001)
+        modes = {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()}
+    finally:
+        after = umask(before)
+    assert count > 0
+    assert modes == {0o640}
+    assert after == 0o027
+
+
+def _write_often(path):
+    for k in range(10):
+        write_text(path, str(k))
 
 
 def test_what_cannot_be_written_is_refused_at_once(tmp_path):

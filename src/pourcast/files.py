@@ -1,7 +1,7 @@
 """Writing files so that a crash never leaves half of one behind."""
 
 import os
-import tempfile
+import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -36,20 +36,15 @@ def replacing(path: Path, name: Callable[[Path], str] | None = None) -> Iterator
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.is_dir():
             raise IsADirectoryError("it is a folder")
-        handle, temporary_name = tempfile.mkstemp(
-            prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent
-        )
+        temporary = path.with_name(f".{path.stem}-{secrets.token_hex(8)}{path.suffix}")
+        # The system takes the umask off. Asking for it would mean to set it, for all threads.
+        os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
-    os.close(handle)
-    temporary = Path(temporary_name)
     try:
         yield temporary
         with temporary.open("rb+") as stream:
             os.fsync(stream.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
         temporary.replace(path if name is None else path.with_name(name(temporary)))
     finally:
         with suppress(FileNotFoundError):

@@ -3,20 +3,20 @@
 import json
 import re
 
-from pourcast.experiment.design.links import key
+from pourcast.experiment.design.links import link_key
 from pourcast.experiment.server.app import create_app
-from pourcast.experiment.server.service import Experiment
+from pourcast.experiment.server.live_experiment import LiveExperiment
 from pourcast.experiment.storage.storage import Storage
 
 
 def open_experiment(study, **options):
     """A study's experiment and the application that serves it."""
-    experiment = Experiment(study, Storage.of_study(study), **options)
+    experiment = LiveExperiment(study, Storage.of_study(study), **options)
     return experiment, create_app(experiment)
 
 
 def lab_link(base, experiment):
-    return f"{base}/?lab={key(experiment.storage.secret, 'lab')}"
+    return f"{base}/?lab={link_key(experiment.storage.secret, 'lab')}"
 
 
 class Participant:

@@ -19,7 +19,7 @@ import pytest
 
 from pourcast import cli
 from pourcast.experiment.data.tables import trials_table
-from pourcast.experiment.design.links import key
+from pourcast.experiment.design.links import link_key
 from pourcast.experiment.server.app import create_app
 from pourcast.experiment.storage.storage import Storage
 from pourcast.observers.browser import chromium, drive_observers, served
@@ -93,8 +93,8 @@ def test_an_experiment_from_consent_to_the_end(experiment, browser, trials, bloc
     assert len(someone.answers) == trials + 1
     session = opened.storage.sessions()[0]
     assert session.state == "complete"
-    assert opened.storage.done(session.number) == list(range(len(session.plan)))
-    assert opened.storage.kept_aside() == []
+    assert opened.storage.saved_steps(session.number) == list(range(len(session.steps)))
+    assert opened.storage.conflicts() == []
     someone.check()
     someone.close()
 
@@ -201,7 +201,7 @@ def test_a_reload_goes_on_at_the_next_trial(experiment, browser):
     someone.press("Go on")
     someone.go_on()
     assert saved(opened) == close_to(someone.answers)
-    assert opened.storage.kept_aside() == []
+    assert opened.storage.conflicts() == []
     assert len(opened.storage.sessions()) == 1
     someone.check()
     someone.close()
@@ -383,7 +383,7 @@ def test_simulated_observers_take_part_through_the_page(tmp_path, browser):
     )  # fmt: skip
     app = create_app(opened, rehearsal=Rehearsal(table, basins=True))
     with served(app) as base:
-        drive_observers(browser, base, key(opened.storage.secret, "simulation"), 2)
+        drive_observers(browser, base, link_key(opened.storage.secret, "simulation"), 2)
     sessions = opened.storage.sessions()
     assert [one.state for one in sessions] == ["complete", "complete"]
     assert {one.entry for one in sessions} == {"simulation"}
@@ -406,12 +406,12 @@ def test_observers_can_be_watched(tmp_path, browser):
          "response": [0.2, 0.9], "rt": 0.7}
     )  # fmt: skip
     with served(create_app(opened, rehearsal=Rehearsal(table, basins=True))) as base:
-        link = key(opened.storage.secret, "simulation")
+        link = link_key(opened.storage.secret, "simulation")
         drive_observers(browser, base, link, 1, visual=True)
     found = {
         step.scene: body["response"]
         for step, body in zip(
-            [s for s in opened.storage.sessions()[0].plan if s.kind == "judgment"],
+            [s for s in opened.storage.sessions()[0].steps if s.kind == "judgment"],
             judgments(opened, 3),
             strict=True,
         )

@@ -55,8 +55,8 @@ def check(study, people=(), browsers=()):
         found = [json.loads(r.body)["response"] for r in records if r.session == session.number]
         assert found == pytest.approx(someone.answers, abs=0.004)
         assert session.state == "complete"
-        assert storage.done(session.number) == list(range(len(session.plan)))
-    assert storage.kept_aside() == []
+        assert storage.saved_steps(session.number) == list(range(len(session.steps)))
+    assert storage.conflicts() == []
     written = sorted((line["session"], line["seq"]) for line in Journal.of_study(study).lines())
     kept = [(r.session, r.seq) for r in storage.records()] + [
         (s.number, -1) for s in sessions.values()

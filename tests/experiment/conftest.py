@@ -11,10 +11,10 @@ import pytest
 import sqlalchemy as sa
 from starlette.testclient import TestClient
 
-from pourcast.experiment.design.links import key
+from pourcast.experiment.design.links import link_key
 from pourcast.experiment.server.admin import admin_routes
 from pourcast.experiment.server.app import create_app
-from pourcast.experiment.server.service import Experiment
+from pourcast.experiment.server.live_experiment import LiveExperiment
 from pourcast.experiment.storage.storage import Storage
 from tests.experiment.make import answer, small_study
 
@@ -87,7 +87,7 @@ class Api:
         self.storage = experiment.storage
 
     def begin(self, request="request-1", tab="tab-00000001", link=None):
-        given = {"lab": key(self.storage.secret, "lab")} if link is None else link
+        given = {"lab": link_key(self.storage.secret, "lab")} if link is None else link
         return self.client.post(
             "/api/sessions", json={"request": request, "tab": tab, "link": given}
         )
@@ -118,7 +118,7 @@ class Api:
 def api_of(study, **options):
     clock = Clock()
     storage = Storage.of_study(study)
-    experiment = Experiment(study, storage, clock=clock, **options)
+    experiment = LiveExperiment(study, storage, clock=clock, **options)
     app = create_app(experiment, extra=admin_routes(experiment))
     with TestClient(app, raise_server_exceptions=False) as client:
         yield Api(client, experiment, clock)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from pourcast.experiment.design.plan import PRACTICE
-from pourcast.experiment.storage.storage import Arrival
+from pourcast.experiment.design.schedule import PRACTICE
+from pourcast.experiment.storage.sessions import Arrival
 from pourcast.files import write_text
 from pourcast.pictures.video import write_film
 from pourcast.scenes.liquids.registry import resolve_liquid

@@ -1,12 +1,17 @@
 """`pourcast experiment serve` and its kin at the command line."""
 
+import re
 import socket
+from contextlib import closing
 
 import pytest
+from starlette.testclient import TestClient
 
 from pourcast import cli
+from pourcast.errors import InputError, StoreError
 from pourcast.experiment.page import pages
-from pourcast.experiment.server.serve import Address, lock_study
+from pourcast.experiment.server.process import Address, ExperimentServer, lock_study
+from pourcast.experiment.storage.storage import Storage
 from tests.experiment.make import small_study
 from tests.experiment.server_process import ServerProcess, Sturdy
 
@@ -86,3 +91,58 @@ def test_links_begin_with_what_participants_can_reach(address, public, base):
 def test_a_study_that_is_none_is_told_of(tmp_path, capsys):
     assert call("serve", tmp_path / "nothing") == 2
     assert "expected a study folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("address", "admin", "has_admin"),
+    [
+        (Address(), None, True),
+        (Address("0.0.0.0"), None, False),
+        (Address("0.0.0.0"), True, True),
+        (Address(), False, False),
+    ],
+)
+def test_the_admin_page_is_for_this_machine_unless_it_is_said_otherwise(
+    tmp_path, address, admin, has_admin
+):
+    study = small_study(tmp_path)
+    with closing(ExperimentServer(study, Storage.of_study(study), address, admin=admin)) as server:
+        links = server.links("http://here")
+        assert list(links) == ["lab", "prolific", "preview", *(["admin"] if has_admin else [])]
+        assert all(link.startswith("http://here/") for link in links.values())
+        client = TestClient(server.app)
+        token = server.experiment.storage.admin_token
+        assert client.get(f"/admin?token={token}").status_code == (200 if has_admin else 404)
+
+
+def test_a_server_has_its_study_to_itself_until_it_is_closed(tmp_path):
+    study = small_study(tmp_path)
+
+    def open_server():
+        return closing(ExperimentServer(study, Storage.of_study(study), Address()))
+
+    with open_server(), pytest.raises(StoreError, match="is being served already"):
+        open_server()
+    with open_server():
+        pass
+
+
+def test_a_server_that_cannot_be_made_ready_leaves_the_study_to_others(tmp_path, monkeypatch):
+    study = small_study(tmp_path)
+    with monkeypatch.context() as patched:
+        patched.setattr(pages, "DIST", tmp_path / "nothing")
+        with pytest.raises(InputError, match="has not been built"):
+            ExperimentServer(study, Storage.of_study(study), Address())
+    lock_study(study).release()
+
+
+def test_a_server_says_its_links_before_anybody_can_come_and_ends_by_ctrl_c(tmp_path, monkeypatch):
+    def interrupted(server, sockets):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("uvicorn.Server.run", interrupted)
+    study = small_study(tmp_path)
+    said = {}
+    with closing(ExperimentServer(study, Storage.of_study(study), Address(port=0))) as server:
+        server.run(said.update)
+    assert re.match(r"http://127.0.0.1:\d+/\?lab=", said["lab"])

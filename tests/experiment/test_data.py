@@ -8,8 +8,14 @@ import pytest
 
 from pourcast import cli
 from pourcast.errors import InputError
+from pourcast.experiment.data.dataset import write_data
+from pourcast.experiment.data.overview import study_overview
+from pourcast.experiment.data.record_import import import_records
 from pourcast.experiment.data.responses import study_responses
 from pourcast.experiment.data.tables import PARTICIPANT_COLUMNS, TRIAL_COLUMNS, defused
+from pourcast.experiment.design.materials import prepare_materials
+from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.storage import Storage, study_storage
 from pourcast.study.folder import study_scenes
 from pourcast.study.responses import arrange
 from tests.experiment.conftest import api_of
@@ -31,9 +37,11 @@ def collected(tmp_path):
         for step in half["steps"][:8]:
             api.put(half, step["seq"], answer(step["kind"], 0.75))
         api.put(half, 3, judgment(0.1))
-        from pourcast.experiment.design.links import key
+        from pourcast.experiment.design.links import link_key
 
-        api.run(api.begin("request-3", link={"preview": key(api.storage.secret, "preview")}).json())
+        api.run(
+            api.begin("request-3", link={"preview": link_key(api.storage.secret, "preview")}).json()
+        )
     return study
 
 
@@ -172,7 +180,7 @@ def test_a_file_that_a_participant_downloaded_completes_the_session(tmp_path, ca
 def test_a_file_of_a_session_that_no_server_saw_makes_one(tmp_path, capsys):
     study = small_study(tmp_path / "s", design=EXP1)
     with api_of(study) as api:
-        steps = [step.model_dump() for step in api.experiment.stock.plan(0, 2)]
+        steps = [step.model_dump() for step in api.experiment.materials.steps(0, 2)]
     opening = {
         "format": "pourcast-records", "schema_version": 1, "session": "a1b2c3d4e5", "entry": "jatos",
         "identifiers": {"PROLIFIC_PID": "5f0"}, "group": 0, "place": 2,
@@ -222,6 +230,53 @@ def test_a_file_that_is_wrong_is_told_of_by_line_and_nothing_is_taken(
     assert said.count("\n") == 1
     call("data", study, "-o", tmp_path / "out")
     assert "1 participants, 0 judgments" in capsys.readouterr().out
+
+
+def test_a_session_from_a_file_gets_into_the_journal_with_who_it_is(tmp_path):
+    study = small_study(tmp_path / "s", design=EXP1)
+    storage, journal = Storage.of_study(study), Journal.of_study(study)
+    materials = prepare_materials(study, storage.secret)
+    steps = [step.model_dump() for step in materials.steps(0, 2)]
+    opening = {"format": "pourcast-records", "session": "a1b2c3d4e5", "group": 0, "place": 2}
+    path = tmp_path / "results.txt"
+    records = offered({"token": "a1b2c3d4e5"}, steps).split("\n", 1)[1]
+    path.write_text(json.dumps(opening) + "\n" + records)
+    for new in (len(steps), 0):
+        summary = import_records(path, storage, journal, materials.steps, 5.0)
+        assert (summary.sessions, summary.new) == (1, new)
+        assert [line["seq"] for line in journal.lines()] == [-1, *range(len(steps))]
+    assert study_overview(study, storage, 6.0).missing_in_journal == 0
+    storage.close()
+
+
+def test_an_overview_warns_of_conflicts_and_of_what_the_journal_has_not(collected, capsys):
+    lines = (collected / "responses.jsonl").read_text().splitlines(keepends=True)
+    (collected / "responses.jsonl").write_text("".join(lines[:-2]))
+    with study_storage(collected, None) as storage:
+        seen = study_overview(collected, storage, 1_700_000_000.0)
+        assert (seen.conflicts, seen.missing_in_journal, seen.judgments) == (1, 2, 17)
+        assert seen.states.loc[1].to_dict() == {"complete": 1, "open": 1}
+        # Who was away for too long counts as dropped.
+        later = study_overview(collected, storage, 1_800_000_000.0)
+        assert later.states.loc[1].to_dict() == {"complete": 1, "dropped": 1}
+    assert call("status", collected) == 0
+    said = capsys.readouterr().out
+    assert "1 records came under a key that had another one; they are kept aside" in said
+    assert "2 records are in the database alone, and not in responses.jsonl" in said
+    call("status", collected, "--json")
+    told = json.loads(capsys.readouterr().out)
+    assert (told["kept_aside"], told["missing_in_journal"]) == (1, 2)
+
+
+@pytest.mark.parametrize(("form", "files"), [("csv", 2), ("psych-ds", 7)])
+def test_what_was_written_is_told_with_what_is_in_it(collected, tmp_path, form, files):
+    with study_storage(collected, None) as storage:
+        written = write_data(tmp_path / "out", collected, storage, form)
+        assert (written.participants, written.judgments) == (2, 17)
+        assert len(written.paths) == files
+        assert all(path.is_file() for path in written.paths)
+        everybody = write_data(tmp_path / "all", collected, storage, form, preview=True)
+        assert everybody.participants == 3
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1"])

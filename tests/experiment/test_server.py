@@ -1,12 +1,18 @@
 """The API: what a participant's browser asks, and what it is told and refused."""
 
 import json
+import time
 
 import pytest
 
 from pourcast.errors import StoreError
-from pourcast.experiment.design.links import key
-from pourcast.experiment.storage.records import MAX_BODY
+from pourcast.experiment.data.withdrawal import withdraw
+from pourcast.experiment.design.links import link_key
+from pourcast.experiment.server.live_experiment import LiveExperiment
+from pourcast.experiment.storage import journal as journal_module
+from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.record_bodies import MAX_BODY
+from pourcast.experiment.storage.storage import Storage
 from pourcast.stimuli.manifest import NAME
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, EXP2, answer, judgment, small_study
@@ -40,7 +46,7 @@ def test_the_same_post_twice_is_one_record_and_another_is_kept_aside(api):
     told = api.begin().json()
     said = [api.put(told, 3, judgment(r)).json()["saved"] for r in (0.5, 0.5, 0.6)]
     assert said == ["new", "repeated", "conflict"]
-    assert len(api.storage.records()) == len(api.storage.kept_aside()) == 1
+    assert len(api.storage.records()) == len(api.storage.conflicts()) == 1
 
 
 def test_the_end_names_what_is_missing_and_takes_exactly_that(api):
@@ -101,6 +107,13 @@ def test_who_declines_leaves_nothing_behind(api):
     assert list(api.experiment.journal.lines()) == []
 
 
+def test_who_declines_twice_as_the_first_answer_was_lost_is_told_the_same(api):
+    told = api.begin().json()
+    first, second = (api.post(told, "finish", state="declined") for _ in range(2))
+    assert (first.status_code, first.json()) == (second.status_code, second.json())
+    assert api.post(told, "finish", state="complete").status_code == 401
+
+
 @pytest.mark.parametrize(
     ("link", "refused"),
     [
@@ -119,7 +132,7 @@ def test_a_link_that_is_none_of_ours_is_refused(api, link, refused):
 
 
 def test_nobody_is_simulated_where_nobody_rehearses(api):
-    said = api.begin(link={"simulation": key(api.storage.secret, "simulation")})
+    said = api.begin(link={"simulation": link_key(api.storage.secret, "simulation")})
     assert said.status_code == 403
 
 
@@ -144,7 +157,7 @@ def test_prolifics_participants_are_hashed_and_get_their_codes(tmp_path):
 def test_experiment_2_shows_everybody_both_liquids_and_honey_in_a_mirror(tmp_path):
     with api_of(small_study(tmp_path, "exp2")) as api:
         told = api.begin().json()
-        plan = api.storage.sessions()[0].plan
+        plan = api.storage.sessions()[0].steps
         test = [step for step in plan if step.phase == "test"]
         assert len(test) == 12
         assert {(s.liquid, s.mirrored) for s in test} == {("water", False), ("honey", True)}
@@ -164,7 +177,7 @@ def test_media_are_named_by_nothing_that_tells_and_test_films_are_not_served(api
         got = api.client.get(f"/media/{name}")
         assert got.status_code == 200
         assert len(name.split(".")[0]) == 32
-    stimuli = api.experiment.stock.stimuli
+    stimuli = api.experiment.materials.stimuli
     assert practice[0]["film"] not in (stimuli.folder / NAME).read_text()
     films = [one.film for one in stimuli.manifest.stimuli if one.film]
     for name in [*films, "manifest.json", "..%2fmanifest.json", "../study.toml"]:
@@ -242,6 +255,147 @@ def test_what_cannot_be_saved_is_not_acknowledged(api, monkeypatch):
     assert api.put(told, 0, answer("consent")).json()["saved"] == "new"
 
 
+def full(*_):
+    raise OSError(28, "No space left on device")
+
+
+def lines(api):
+    return [(line["session"], line["seq"]) for line in api.experiment.journal.lines()]
+
+
+def admin_page(api):
+    return api.client.get(f"/admin?token={api.storage.admin_token}").text
+
+
+def test_a_journal_that_cannot_be_written_is_told_of_and_catches_up(tmp_path, monkeypatch, caplog):
+    # The promise of an answer is the database's; the researcher is told what has one copy alone.
+    study = small_study(tmp_path)
+    with api_of(study, journal_retry=0.05) as api:
+        told = api.begin().json()
+        assert "cannot be written" not in admin_page(api)
+        with monkeypatch.context() as patched:
+            patched.setattr(journal_module.os, "write", full)
+            assert api.put(told, 0, answer("consent")).json()["saved"] == "new"
+            assert [record.seq for record in api.storage.records()] == [0]
+            assert lines(api) == [(1, -1)]
+            assert caplog.text.count("responses.jsonl: cannot be written (No space left") == 1
+            page = admin_page(api)
+            assert "responses.jsonl: cannot be written (No space left on device)" in page
+            assert "1 records are in the database alone, and not in responses.jsonl" in page
+        # Nobody answers any more, and yet it is tried again.
+        wait_until(lambda: lines(api) == [(1, -1), (1, 0)])
+        assert "responses.jsonl" not in admin_page(api)
+        assert "works again" in caplog.text
+
+
+def test_what_the_journal_never_took_is_told_of_at_the_end_and_appended_at_the_next_start(
+    tmp_path, monkeypatch, caplog
+):
+    study = small_study(tmp_path)
+    with monkeypatch.context() as patched:
+        patched.setattr(journal_module.os, "write", full)
+        with api_of(study) as api:
+            api.put(api.begin().json(), 0, answer("consent"))
+        assert "2 records are in the database alone; the next start appends them" in caplog.text
+    with api_of(study) as api:
+        assert lines(api) == [(1, -1), (1, 0)]
+
+
+def test_who_declines_while_the_journal_cannot_be_written_leaves_nothing_behind(
+    tmp_path, monkeypatch
+):
+    with api_of(small_study(tmp_path)) as api:
+        with monkeypatch.context() as patched:
+            patched.setattr(journal_module.os, "write", full)
+            told = api.begin().json()
+            assert api.post(told, "finish", state="declined").json()["missing"] == []
+        api.put(api.begin("request-2").json(), 0, answer("consent"))
+        assert {session for session, _ in lines(api)} == {2}
+
+
+def test_who_withdraws_while_the_journal_cannot_be_written_never_gets_into_it(
+    tmp_path, monkeypatch
+):
+    study = small_study(tmp_path)
+    with api_of(study) as api:
+        with monkeypatch.context() as patched:
+            patched.setattr(journal_module.os, "write", full)
+            told = api.begin().json()
+            # In a process of its own, as `pourcast experiment data --withdraw` is.
+            storage = Storage.of_study(study)
+            withdraw(study, storage, Journal.of_study(study), told["participant"])
+            storage.close()
+        api.put(api.begin("request-2").json(), 0, answer("consent"))
+        assert {session for session, _ in lines(api)} == {2}
+
+
+def test_declining_is_tried_again_until_the_journal_has_nothing_left(api, monkeypatch):
+    told = api.begin().json()
+    with monkeypatch.context() as patched:
+        patched.setattr(journal_module, "replacing", full)
+        said = api.post(told, "finish", state="declined")
+        assert (said.status_code, said.headers["retry-after"]) == (503, "2")
+        assert lines(api) == [(1, -1)]
+        assert len(api.storage.sessions()) == 1
+    assert api.post(told, "finish", state="declined").json()["missing"] == []
+    assert lines(api) == api.storage.sessions() == []
+
+
+def test_a_deleted_sessions_token_opens_nobody_elses(api):
+    declined = api.begin().json()
+    api.put(declined, 0, answer("consent"))
+    api.post(declined, "finish", state="declined")
+    other = api.begin("request-2").json()
+    assert api.put(declined, 1, answer("check")).status_code == 401
+    assert api.post(other, "resume").json()["done"] == []
+    assert [session.number for session in api.storage.sessions()] == [2]
+
+
+def test_a_database_that_fails_is_told_of_once_and_on_the_admin_page(api, monkeypatch, caplog):
+    told = api.begin().json()
+
+    def locked(records):
+        raise StoreError("responses.sqlite: database is locked")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(api.storage, "save", locked)
+        for _ in range(3):
+            assert api.put(told, 0, answer("consent")).status_code == 503
+        assert api.experiment.failures == ["responses.sqlite: database is locked"]
+    assert caplog.text.count("database is locked; participants' browsers try again") == 1
+    assert api.experiment.storage_failures.count == 3
+    api.put(told, 0, answer("consent"))
+    assert api.experiment.failures == []
+
+
+def test_an_error_of_ours_is_no_step_that_is_missing(api, monkeypatch):
+    told = api.begin().json()
+
+    def broken(records):
+        raise IndexError("list index out of range")
+
+    monkeypatch.setattr(api.storage, "save", broken)
+    assert api.put(told, 0, answer("consent")).status_code == 500
+
+
+def test_saving_that_ended_is_told_of_and_acknowledges_nothing(tmp_path, monkeypatch, caplog):
+    async def broken(*_):
+        raise RuntimeError("a fault")
+
+    monkeypatch.setattr(LiveExperiment, "_retry_journal", broken)
+    with api_of(small_study(tmp_path)) as api:
+        told = api.begin().json()
+        assert api.put(told, 0, answer("consent")).status_code == 503
+        assert "records are not saved any more; start the server again" in caplog.text
+
+
+def wait_until(condition, seconds=30.0):
+    until = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
 def test_an_unforeseen_error_says_nothing_of_its_cause(api, monkeypatch):
     told = api.begin().json()
     monkeypatch.setattr(api.storage, "save", lambda records: 1 / 0)
@@ -285,11 +439,11 @@ def test_admin_is_not_there_where_it_is_off(tmp_path):
     from starlette.testclient import TestClient
 
     from pourcast.experiment.server.app import create_app
-    from pourcast.experiment.server.service import Experiment
+    from pourcast.experiment.server.live_experiment import LiveExperiment
     from pourcast.experiment.storage.storage import Storage
 
     study = small_study(tmp_path)
-    experiment = Experiment(study, Storage.of_study(study))
+    experiment = LiveExperiment(study, Storage.of_study(study))
     with TestClient(create_app(experiment)) as client:
         token = experiment.storage.admin_token
         assert client.get(f"/admin?token={token}").status_code == 404

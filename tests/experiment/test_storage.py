@@ -3,27 +3,23 @@
 import sqlite3
 
 import pytest
+import sqlalchemy as sa
 
 from pourcast.errors import InputError, StoreError
-from pourcast.experiment.design.plan import Step
+from pourcast.experiment.design.steps import Step
 from pourcast.experiment.storage import database as database_module
-from pourcast.experiment.storage.storage import (
-    MAX_CONFLICTS,
-    Arrival,
-    Record,
-    Refusal,
-    Saved,
-    Storage,
-)
-from tests.experiment.make import arrival
+from pourcast.experiment.storage.records import MAX_CONFLICTS, Record, SaveResult
+from pourcast.experiment.storage.sessions import Arrival, Refusal
+from pourcast.experiment.storage.storage import Storage, study_storage
+from tests.experiment.make import arrival, small_study
 
-PLAN = [Step(seq=k, kind="judgment", phase="test", trial=k + 1) for k in range(4)]
+STEPS = [Step(seq=k, kind="judgment", phase="test", trial=k + 1) for k in range(4)]
 
 
 def begin(storage, request, now=100.0, groups=1, places=None, gap=1000.0, **who):
     someone = arrival(request, **who)
     return storage.begin(
-        someone, lambda group, place: PLAN, groups=groups, places=places, largest_gap=gap, now=now
+        someone, lambda group, place: STEPS, groups=groups, places=places, largest_gap=gap, now=now
     )
 
 
@@ -34,8 +30,8 @@ def record(session, seq=0, body='{"response":0.5}', received=200.0, **changes):
 def test_a_record_is_new_once_and_repeated_ever_after(storage):
     session, _, fresh = begin(storage, "request-a")
     assert fresh
-    assert storage.save([record(session)]) == [Saved("new")]
-    assert storage.save([record(session, received=300.0)]) == [Saved("repeated")]
+    assert storage.save([record(session)]) == [SaveResult("new")]
+    assert storage.save([record(session, received=300.0)]) == [SaveResult("repeated")]
     assert [(r.seq, r.body, r.received) for r in storage.records()] == [
         (0, '{"response":0.5}', 200.0)
     ]
@@ -44,7 +40,7 @@ def test_a_record_is_new_once_and_repeated_ever_after(storage):
 def test_twins_in_one_batch_are_saved_once(storage):
     session, _, _ = begin(storage, "request-a")
     twins = [record(session), record(session), record(session, body='{"response":0.6}')]
-    assert [one.result for one in storage.save(twins)] == ["new", "repeated", "conflict"]
+    assert [one.status for one in storage.save(twins)] == ["new", "repeated", "conflict"]
     assert len(storage.records()) == 1
 
 
@@ -53,18 +49,18 @@ def test_another_body_under_one_key_is_kept_aside_and_the_first_stays(storage):
     storage.save([record(session)])
     for k in range(MAX_CONFLICTS + 5):
         saved = storage.save([record(session, body=f'{{"response":0.{k}1}}')])
-        assert saved[0].result == "conflict"
+        assert saved[0].status == "conflict"
     assert [r.body for r in storage.records()] == ['{"response":0.5}']
-    assert len(storage.kept_aside()) == MAX_CONFLICTS
+    assert len(storage.conflicts()) == MAX_CONFLICTS
     # The same one again is not a second one.
     storage.save([record(session, body='{"response":0.01}')] * 2)
-    assert len(storage.kept_aside()) == MAX_CONFLICTS
+    assert len(storage.conflicts()) == MAX_CONFLICTS
 
 
 def test_records_of_a_session_that_is_gone_are_refused(storage):
     session, _, _ = begin(storage, "request-a")
     storage.delete([session.number])
-    assert storage.save([record(session)]) == [Saved("gone")]
+    assert storage.save([record(session)]) == [SaveResult("gone")]
     assert storage.sessions() == []
 
 
@@ -104,15 +100,17 @@ def test_a_platform_session_goes_on_and_a_second_one_is_refused(storage):
     assert again.number == first.number
     other = Arrival("r3", "prolific", {"PID": "p1", "SESSION": "s2"}, "tab-00000000", "p1-s1")
     with pytest.raises(Refusal, match="again"):
-        storage.begin(other, lambda *_: PLAN, groups=1, places=None, largest_gap=1e9, now=100.0)
+        storage.begin(other, lambda *_: STEPS, groups=1, places=None, largest_gap=1e9, now=100.0)
 
 
 def test_a_tab_that_lost_the_session_is_told_and_its_record_saved(storage):
     session, _, _ = begin(storage, "r1")
     storage.claim(session.number, "tab-new", 150.0)
     old = record(session, tab="tab-00000000")
-    assert storage.save([old]) == [Saved("new", superseded=True)]
-    assert storage.save([record(session, 1, tab="tab-new")]) == [Saved("new", superseded=False)]
+    assert storage.save([old]) == [SaveResult("new", superseded=True)]
+    assert storage.save([record(session, 1, tab="tab-new")]) == [
+        SaveResult("new", superseded=False)
+    ]
 
 
 def test_a_clock_set_back_never_drops_anybody(storage):
@@ -137,8 +135,8 @@ def test_all_is_there_when_it_is_opened_again(storage, database):
     storage.save([record(session, k) for k in (2, 0)])
     again = Storage(database)
     assert again.sessions() == storage.sessions()
-    assert again.done(session.number) == [0, 2]
-    assert again.session_of(token).plan == tuple(PLAN)
+    assert again.saved_steps(session.number) == [0, 2]
+    assert again.session_of(token).steps == tuple(STEPS)
     assert (again.secret, again.admin_token) == (storage.secret, storage.admin_token)
     again.close()
 
@@ -205,8 +203,6 @@ def test_a_disk_that_is_full_saves_nothing_and_says_so_then_all_goes_on(tmp_path
 
         return set_limit
 
-    import sqlalchemy as sa
-
     full = limit(pages)
     sa.event.listen(storage.engine, "connect", full)
     storage.engine.dispose()
@@ -216,8 +212,41 @@ def test_a_disk_that_is_full_saves_nothing_and_says_so_then_all_goes_on(tmp_path
     sa.event.remove(storage.engine, "connect", full)
     storage.engine.dispose()
     assert storage.records() == []
-    assert {one.result for one in storage.save(big)} == {"new"}
+    assert {one.status for one in storage.save(big)} == {"new"}
     storage.close()
     assert sqlite3.connect(tmp_path / "x.sqlite").execute("PRAGMA integrity_check").fetchone() == (
         "ok",
     )
+
+
+def test_a_studys_database_is_made_only_where_somebody_may_take_part(tmp_path):
+    study = small_study(tmp_path / "s")
+    with (
+        pytest.raises(InputError, match="not there; nobody has taken part yet"),
+        study_storage(study, None),
+    ):
+        pass
+    assert not (study / "responses.sqlite").exists()
+    with study_storage(study, None, must_exist=False) as storage:
+        secret = storage.secret
+    with study_storage(study, None) as storage:
+        assert storage.secret == secret
+    with (
+        pytest.raises(InputError, match="expected a study folder"),
+        study_storage(tmp_path / "nothing", None, must_exist=False),
+    ):
+        pass
+
+
+def test_a_file_that_cannot_be_written_anew_after_a_deletion_is_told_of(tmp_path, monkeypatch):
+    storage = Storage(f"sqlite:///{tmp_path / 'x.sqlite'}")
+    session, _, _ = begin(storage, "r1")
+
+    def full(connection, statement):
+        raise sa.exc.OperationalError(statement, None, Exception("disk is full"))
+
+    monkeypatch.setattr(sa.Connection, "exec_driver_sql", full)
+    with pytest.raises(StoreError, match=r"rows were deleted, but .* anew .*\(disk is full\)"):
+        storage.delete([session.number])
+    assert storage.sessions() == []
+    storage.close()

@@ -1,7 +1,7 @@
 """Commands of the experiment with people: serve, status, data."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, closing
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +10,7 @@ import typer
 
 from pourcast.cli.observers import experiment_app
 from pourcast.cli.options import JsonOption, StudyArgument
-from pourcast.cli.terminal import print_json, print_table, progress_bar, records
+from pourcast.cli.terminal import print_json, print_table, progress_bar
 from pourcast.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,23 +33,16 @@ DatabaseOption = Annotated[
 ]  # fmt: skip
 
 
-@contextmanager
-def _storage(study: Path, database: str | None, *, must_exist: bool = True) -> "Iterator[Storage]":
-    """A study's database, closed at the end."""
+def _storage(
+    study: Path, database: str | None, *, must_exist: bool = True
+) -> "AbstractContextManager[Storage]":
+    """A study's database; says first which extra it needs."""
     from pourcast.extras import require_extra
-    from pourcast.study.folder import DATABASE, study_scenes
 
     require_extra("experiment")
-    from pourcast.experiment.storage.storage import Storage
+    from pourcast.experiment.storage.storage import study_storage
 
-    study_scenes(study)
-    if must_exist and database is None and not (study / DATABASE).is_file():
-        raise InputError(f"{study / DATABASE}: not there; nobody has taken part yet")
-    storage = Storage.of_study(study, database)
-    try:
-        yield storage
-    finally:
-        storage.close()
+    return study_storage(study, database, must_exist=must_exist)
 
 
 @experiment_app.command()
@@ -88,48 +81,35 @@ def serve(
     from pourcast.extras import require_extra
 
     require_extra("experiment")
-    from pourcast.experiment.design.links import links
     from pourcast.experiment.design.settings import NAME
-    from pourcast.experiment.server.admin import admin_routes
-    from pourcast.experiment.server.app import create_app
-    from pourcast.experiment.server.serve import Address, lock_study
-    from pourcast.experiment.server.serve import serve as serve_app
-    from pourcast.experiment.server.service import Experiment
+    from pourcast.experiment.server.process import Address, ExperimentServer
+
+    def print_links(links: Mapping[str, str]) -> None:
+        for name, link in links.items():
+            typer.echo(f"{name:9}{link}")
+        typer.echo("Ctrl-C ends it.")
 
     address = Address(host, port, public_url, behind_proxy)
-    with _storage(study, database, must_exist=False) as storage, lock_study(study):
+    with _storage(study, database, must_exist=False) as storage:
         with progress_bar() as report:
-            experiment = Experiment(
-                study, storage, report, sessions_per_address=sessions_per_address
+            server = ExperimentServer(
+                study, storage, address, admin=admin, sessions_per_address=sessions_per_address,
+                report=report,
+            )  # fmt: skip
+        with closing(server):
+            experiment = server.experiment
+            groups = " | ".join("+".join(group) for group in experiment.design.groups)
+            typer.echo(
+                f"{study}: {len(experiment.scenes)} scenes, {experiment.design.practice} practice "
+                f"trials, groups: {groups}\ndesign: {study / NAME}\n"
+                f"stimuli: {experiment.materials.stimuli.folder}\n"
+                f"responses: {storage.url.render_as_string()}"
             )
-        with_admin = not address.is_public if admin is None else admin
-        app = create_app(experiment, extra=admin_routes(experiment) if with_admin else ())
-        groups = " | ".join("+".join(group) for group in experiment.design.groups)
-        typer.echo(
-            f"{study}: {len(experiment.scenes)} scenes, {experiment.design.practice} practice "
-            f"trials, groups: {groups}\ndesign: {study / NAME}\n"
-            f"stimuli: {experiment.stock.stimuli.folder}\n"
-            f"responses: {storage.url.render_as_string()}"
-        )
-
-        def ready(base: str) -> None:
-            given = links(base, storage.secret)
-            if with_admin:
-                given["admin"] = f"{base}/admin?token={storage.admin_token}"
-            for name, link in given.items():
-                typer.echo(f"{name:9}{link}")
-            typer.echo("Ctrl-C ends it.")
-
-        try:
-            if not check:
-                serve_app(app, address, ready)
-        except KeyboardInterrupt:
-            pass
-        finally:
+            if check:
+                return
+            server.run(print_links)
             saved = len(storage.records())
-            experiment.close()
-    if not check:
-        typer.echo(f"stopped; {saved} records are saved")
+    typer.echo(f"stopped; {saved} records are saved")
 
 
 @experiment_app.command()
@@ -144,24 +124,11 @@ def status(
     import time
 
     with _storage(study, database) as storage:
-        from pourcast.experiment.data.overview import overview
-        from pourcast.experiment.design.settings import read_design
+        from pourcast.experiment.data.overview import study_overview
 
-        storage.drop_stale(read_design(study).largest_gap, time.time())
-        seen = overview(storage)
+        seen = study_overview(study, storage, time.time())
     if as_json:
-        print_json(
-            {
-                "groups": records(seen.states.reset_index()),
-                "judgments": seen.judgments,
-                "median_rt": seen.median_rt,
-                "kept_aside": seen.kept_aside,
-                "scenes": [
-                    {"liquid": liquid, "scene": scene, "responses": answers}
-                    for (liquid, scene), answers in seen.responses.items()
-                ],
-            }
-        )
+        print_json(seen.for_json())
         return
     if len(seen.states):
         print_table(seen.states)
@@ -169,10 +136,8 @@ def status(
         typer.echo("nobody has come yet")
     seconds = "" if math.isnan(seen.median_rt) else f", {seen.median_rt:.1f} s a test trial"
     typer.echo(f"{seen.judgments} judgments saved{seconds}")
-    if seen.kept_aside:
-        typer.echo(
-            f"{seen.kept_aside} records came under a key that had another one; they are kept aside"
-        )
+    for warning in seen.warnings:
+        typer.echo(warning)
 
 
 @experiment_app.command()
@@ -243,33 +208,33 @@ def export(
     if datapipe and static is None:
         raise InputError("export: --datapipe goes with --static")
     with _storage(study, database, must_exist=False) as storage, progress_bar() as report:
+        from pourcast.experiment.design.materials import prepare_materials
         from pourcast.experiment.page.export import export_jatos, export_static
-        from pourcast.experiment.server.service import prepare_stock
 
-        stock = prepare_stock(study, storage, report)
+        materials = prepare_materials(study, storage.secret, report)
     if jatos is not None:
-        export_jatos(jatos, stock)
+        export_jatos(jatos, materials)
         typer.echo(f"{jatos}: import it in JATOS; its results come back by --import")
     if static is not None:
-        export_static(static, stock, datapipe=datapipe)
+        export_static(static, materials, datapipe=datapipe)
         typer.echo(f"{static}: put it on a web host; index.html is the link")
 
 
 def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
     import time
 
-    from pourcast.experiment.data.intake import import_records
-    from pourcast.experiment.server.service import prepare_stock
+    from pourcast.experiment.data.record_import import import_records
+    from pourcast.experiment.design.materials import prepare_materials
     from pourcast.experiment.storage.journal import Journal
 
     with progress_bar() as report:
-        stock = prepare_stock(study, storage, report)
+        materials = prepare_materials(study, storage.secret, report)
     journal = Journal.of_study(study)
     for path in paths:
-        found = import_records(path, storage, journal, stock.plan, time.time())
+        summary = import_records(path, storage, journal, materials.steps, time.time())
         typer.echo(
-            f"{path}: {found.sessions} sessions, {found.new} new records, {found.repeated} that "
-            f"were there, {found.kept_aside} kept aside"
+            f"{path}: {summary.sessions} sessions, {summary.new} new records, "
+            f"{summary.repeated} that were there, {summary.conflicts} kept aside"
         )
 
 
@@ -285,18 +250,9 @@ def _withdraw(study: Path, storage: "Storage", who: str) -> None:
 def _write(
     study: Path, storage: "Storage", out: Path, form: DataFormat, identifiers: bool, preview: bool
 ) -> None:
-    from pourcast.experiment.data.psych_ds import write_psych_ds
-    from pourcast.experiment.data.tables import participants_table, trials_table, write_csv
-    from pourcast.experiment.design.settings import read_design
+    from pourcast.experiment.data.dataset import write_data
 
-    trials = trials_table(storage, preview=preview)
-    people = participants_table(storage, preview=preview, identifiers=identifiers)
-    if form is DataFormat.PSYCH_DS:
-        written = write_psych_ds(out, study, read_design(study), trials, people)
-    else:
-        written = [out / "trials.csv", out / "participants.csv"]
-        for path, table in zip(written, (trials, people), strict=True):
-            write_csv(path, table)
-    for path in written:
+    written = write_data(out, study, storage, form.value, identifiers=identifiers, preview=preview)
+    for path in written.paths:
         typer.echo(str(path))
-    typer.echo(f"{len(people)} participants, {len(trials)} judgments")
+    typer.echo(f"{written.participants} participants, {written.judgments} judgments")

@@ -11,7 +11,6 @@ from pourcast.cli.terminal import progress_bar
 from pourcast.errors import InputError
 
 if TYPE_CHECKING:
-    from pourcast.observers.observers import Observers
     from pourcast.statistics.observer import Population
 
 BiasOption = Annotated[
@@ -118,7 +117,14 @@ def simulate(
     if browser or visual:
         if out is not None:
             raise InputError("simulate: --output does not go with --browser: the database keeps it")
-        _in_browser(study, who, visual=visual)
+        from pourcast.extras import require_extra
+
+        require_extra("experiment")
+        from pourcast.observers.browser import take_part_in_browser
+
+        with progress_bar() as report:
+            database = take_part_in_browser(study, who, visual=visual, report=report)
+        typer.echo(f"{database}: {who.count} simulated observers took part")
         return
     with progress_bar() as report:
         path = rehearse(study, scenes, who, out, report)
@@ -126,45 +132,12 @@ def simulate(
     typer.echo(f"{path}: {who.count} simulated observers, {trials} trials each")
 
 
-def _in_browser(study: Path, who: "Observers", *, visual: bool) -> None:
-    """Let observers take part through the real page."""
-    from dataclasses import replace
-
-    from pourcast.extras import require_extra
-    from pourcast.observers.responses import observers_table
-
-    require_extra("experiment")
-    from pourcast.experiment.design.links import key
-    from pourcast.experiment.server.app import create_app
-    from pourcast.experiment.server.serve import lock_study
-    from pourcast.experiment.server.service import Experiment
-    from pourcast.experiment.storage.storage import Storage
-    from pourcast.observers.browser import chromium, drive_observers, served
-    from pourcast.observers.rehearsal import Rehearsal
-
-    storage = Storage.of_study(study)
-    with progress_bar() as report, lock_study(study):
-        experiment = Experiment(study, storage, report)
+def _spreads(options: list[str]) -> dict[str, float]:
+    spreads = {}
+    for option in options:
+        name, _, text = (part.strip() for part in option.partition("="))
         try:
-            # Who sees what is the design's to say: here everybody has an answer to everything.
-            table = observers_table(study, experiment.scenes, replace(who, groups=()), report)
-            app = create_app(experiment, rehearsal=Rehearsal(table, experiment.scenes))
-            with served(app) as base, chromium(headless=not visual) as browser:
-                drive_observers(
-                    browser, base, key(storage.secret, "simulation"), who.count, visual=visual,
-                    report=lambda done: report("taking part", done, who.count),
-                )  # fmt: skip
-        finally:
-            experiment.close()
-    typer.echo(f"{storage.url.database}: {who.count} simulated observers took part")
-
-
-def _spreads(given: list[str]) -> dict[str, float]:
-    found = {}
-    for one in given:
-        name, _, text = (part.strip() for part in one.partition("="))
-        try:
-            found[name] = float(text)
+            spreads[name] = float(text)
         except ValueError:
-            raise InputError(f"vary: expected PARAMETER=SD, found {one!r}") from None
-    return found
+            raise InputError(f"vary: expected PARAMETER=SD, found {option!r}") from None
+    return spreads

@@ -3,15 +3,26 @@
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
 
 from pourcast.errors import InputError, StoreError
+from pourcast.experiment.design.links import link_key
+from pourcast.experiment.server.app import create_app
+from pourcast.experiment.server.live_experiment import LiveExperiment
+from pourcast.experiment.server.process import lock_study
+from pourcast.experiment.storage.storage import Storage
 from pourcast.extras import optional_module
+from pourcast.observers.observers import Observers
+from pourcast.observers.rehearsal import Rehearsal
+from pourcast.observers.responses import observers_table
+from pourcast.progress import Report, no_report
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -82,7 +93,7 @@ def drive_observers(
     count: int,
     *,
     visual: bool = False,
-    report: Callable[[int], None] | None = None,
+    report: Report = no_report,
 ) -> None:
     """Let simulated observers take part, one after another, from consent to code.
 
@@ -99,7 +110,7 @@ def drive_observers(
     visual
         At the observers' own pace; otherwise at full speed.
     report
-        Told how many are done.
+        Told how many have taken part.
 
     Raises
     ------
@@ -115,5 +126,49 @@ def drive_observers(
         page.close()
         if state != "complete":
             raise StoreError(f"observer {observer + 1}: ended as {state}")
-        if report is not None:
-            report(observer + 1)
+        report("taking part", observer + 1, count)
+
+
+def take_part_in_browser(
+    study: Path, observers: Observers, *, visual: bool = False, report: Report = no_report
+) -> str:
+    """Let simulated observers take part in a study through its real page.
+
+    Parameters
+    ----------
+    study
+        The study folder. Its design says who sees what.
+    observers
+        The observers.
+    visual
+        In a window to watch, at a human pace.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    str
+        The database that has what they answered.
+
+    Raises
+    ------
+    InputError
+        If the study is not fit for an experiment, or there is no browser.
+    StoreError
+        If the study is being served, or an observer does not come to the end.
+    """
+    storage = Storage.of_study(study)
+    with lock_study(study):
+        experiment = LiveExperiment(study, storage, report)
+        try:
+            # Who sees what is the design's to say: here everybody has an answer to everything.
+            table = observers_table(study, experiment.scenes, replace(observers, groups=()), report)
+            app = create_app(experiment, rehearsal=Rehearsal(table, experiment.scenes))
+            with served(app) as base, chromium(headless=not visual) as browser:
+                drive_observers(
+                    browser, base, link_key(storage.secret, "simulation"), observers.count,
+                    visual=visual, report=report,
+                )  # fmt: skip
+        finally:
+            experiment.close()
+    return str(storage.url.database)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pourcast.experiment.design.plan import Step
+from pourcast.experiment.design.steps import Step
 from pourcast.scenes.scene import Scene
 
 
@@ -33,20 +33,20 @@ class Rehearsal:
             )
         }
 
-    def answers(self, observer: int, plan: Sequence[Step]) -> dict[str, Any]:
+    def answers(self, observer: int, steps: Sequence[Step]) -> dict[str, Any]:
         """Responses and response times [s] of an observer (from 0), by the step's number.
 
         Scenes that the observer has no answer to, those of practice, get a seeded one.
         """
         name = self._observers[observer % len(self._observers)]
         rng = np.random.default_rng([observer])
-        found = {}
-        for step in plan:
+        answers = {}
+        for step in steps:
             if step.kind != "judgment":
                 continue
             anywhere = (round(float(rng.random()), 2), 2.0)
             response, rt = self._answers.get((name, step.scene, step.liquid), anywhere)
             goal = self._goals.get(step.scene)
             seen = goal.mirrored_judgment(response) if step.mirrored and goal else response
-            found[str(step.seq)] = {"response": seen, "rt": rt}
-        return found
+            answers[str(step.seq)] = {"response": seen, "rt": rt}
+        return answers

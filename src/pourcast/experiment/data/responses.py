@@ -50,23 +50,23 @@ def find_responses(study: Path) -> Path:
     InputError
         If there are none, or more than one.
     """
-    there = sorted(
+    sources = sorted(
         path for path in (study / RESPONSES).glob("*") if path.suffix in (".csv", ".parquet")
     )
-    if (study / DATABASE).is_file() and (not there or len(_collected(study / DATABASE))):
-        there.insert(0, study / DATABASE)
-    if not there:
+    if (study / DATABASE).is_file() and (not sources or len(_collected(study / DATABASE))):
+        sources.insert(0, study / DATABASE)
+    if not sources:
         raise InputError(
             f"{study / RESPONSES}: no table of responses; collect some with `pourcast experiment "
             "serve`, give a table with --responses FILE, or rehearse with `pourcast experiment "
             "simulate`"
         )
-    if len(there) > 1:
-        names = ", ".join(str(path.relative_to(study)) for path in there)
+    if len(sources) > 1:
+        names = ", ".join(str(path.relative_to(study)) for path in sources)
         raise InputError(
             f"{study}: more than one source of responses ({names}); name one with --responses"
         )
-    return there[0]
+    return sources[0]
 
 
 def _collected(database: Path) -> pd.DataFrame:

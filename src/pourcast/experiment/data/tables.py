@@ -8,8 +8,10 @@ from typing import Any
 
 import pandas as pd
 
-from pourcast.experiment.design.plan import Step
-from pourcast.experiment.storage.storage import Record, Session, Storage
+from pourcast.experiment.design.steps import Step
+from pourcast.experiment.storage.records import Record
+from pourcast.experiment.storage.sessions import Session
+from pourcast.experiment.storage.storage import Storage
 from pourcast.files import replacing
 
 TRIAL_COLUMNS = {
@@ -87,7 +89,7 @@ def trials_table(
     for record in storage.records():
         session = sessions.get(record.session)
         if session is not None and record.kind == "judgment":
-            rows.append(_trial(session, session.plan[record.seq], record))
+            rows.append(_trial(session, session.steps[record.seq], record))
     table = pd.DataFrame(rows, columns=list(TRIAL_COLUMNS)).astype({"block": "Int64"})
     if not trajectories or table["trajectory"].isna().all():
         table = table.drop(columns="trajectory")
@@ -113,10 +115,10 @@ def participants_table(
     for record in storage.records():
         if record.session in records:
             records[record.session].append(record)
-    aside = Counter(record.session for record in storage.kept_aside())
+    conflicts = Counter(record.session for record in storage.conflicts())
     rows = []
     for number, session in sessions.items():
-        row = _participant(session, records[number]) | {"kept_aside": aside[number]}
+        row = _participant(session, records[number]) | {"kept_aside": conflicts[number]}
         rows.append(row | (dict(session.identifiers) if identifiers else {}))
     known = list(PARTICIPANT_COLUMNS)
     extra = list(dict.fromkeys(name for row in rows for name in row if name not in known))
@@ -159,12 +161,12 @@ def _trial(session: Session, step: Step, record: Record) -> dict[str, Any]:
 
 
 def _participant(session: Session, records: Sequence[Record]) -> dict[str, Any]:
-    bodies = [(session.plan[record.seq], json.loads(record.body)) for record in records]
+    bodies = [(session.steps[record.seq], json.loads(record.body)) for record in records]
     of_kind = {step.kind: body for step, body in bodies}
     judged = [(step.phase, body["rt"]) for step, body in bodies if step.kind == "judgment"]
     test = [rt for phase, rt in judged if phase == "test"]
     check = of_kind.get("check", {})
-    liquids = dict.fromkeys(step.liquid for step in session.plan if step.phase == "test")
+    liquids = dict.fromkeys(step.liquid for step in session.steps if step.phase == "test")
     return _who(session) | {
         "liquids": "+".join(sorted(liquids, reverse=True)),
         "order": session.place,

@@ -7,7 +7,8 @@ import pandas as pd
 from pourcast.errors import InputError
 from pourcast.experiment.design.links import PERSONAL
 from pourcast.experiment.storage.journal import Journal
-from pourcast.experiment.storage.storage import Session, Storage
+from pourcast.experiment.storage.sessions import Session
+from pourcast.experiment.storage.storage import Storage
 from pourcast.tables import write_table
 
 
@@ -32,21 +33,23 @@ def withdraw(study: Path, storage: Storage, journal: Journal, who: str) -> list[
     ------
     InputError
         If there is no such participant.
+    StoreError
+        If journal or database can't be changed.
     """
-    found = [one for one in storage.sessions() if who in _names(one)]
-    if not found:
+    sessions = [one for one in storage.sessions() if who in _names(one)]
+    if not sessions:
         raise InputError(f"withdraw: there is no participant {who!r}")
-    numbers = {one.number for one in found}
-    codes = {one.participant for one in found}
+    numbers = {one.number for one in sessions}
+    codes = {one.participant for one in sessions}
     # The database last: it tells who they are, should this be interrupted and begun again.
     lines = journal.remove(lambda line: line["session"] in numbers)
-    said = [f"{journal.path.name}: {lines} lines"]
+    deleted = [f"{journal.path.name}: {lines} lines"]
     for path in sorted((study / "responses").glob("*")):
         removed = _remove_from_table(path, codes)
         if removed:
-            said.append(f"{path.relative_to(study)}: {removed} rows")
-    deleted = storage.delete(numbers)
-    return said + [f"database: {count} rows of {table}" for table, count in deleted.items()]
+            deleted.append(f"{path.relative_to(study)}: {removed} rows")
+    rows = storage.delete(numbers)
+    return deleted + [f"database: {count} rows of {table}" for table, count in rows.items()]
 
 
 def _names(session: Session) -> set[str]:

@@ -1,1 +1,1 @@
-"""The design of an experiment: `experiment.toml`, the words shown, who sees what and when."""
+"""The design of an experiment: its settings and words, materials, and who sees what when."""

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from pourcast.experiment.design.plan import Shown, all_shown
+from pourcast.experiment.design.materials import study_trials
+from pourcast.experiment.design.schedule import Trial
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
@@ -12,7 +13,7 @@ from pourcast.stimuli.contact_sheet import write_contact_sheet
 from pourcast.stimuli.make import make_stimuli
 from pourcast.stimuli.manifest import StimulusRequest, StimulusSet
 from pourcast.stimuli.settings import StimulusSettings
-from pourcast.study.folder import load_practice, pick_scene, study_scenes
+from pourcast.study.folder import load_practice, pick_scene, study_liquids, study_scenes
 from pourcast.sweep.executors import Executor
 
 
@@ -23,7 +24,6 @@ def film_study(
     first: int | None = None,
     names: Sequence[str] = (),
     liquid: str | None = None,
-    own: Sequence[Liquid] = (),
     replace: bool = False,
     workers: int | None = None,
     open_executor: Callable[[], Executor] | None = None,
@@ -44,8 +44,6 @@ def film_study(
     liquid
         Only this liquid; by default those of the design. A liquid that the design doesn't show
         is filmed with all the scenes.
-    own
-        The study's own liquids.
     replace, workers, open_executor, report
         See `make_stimuli`.
 
@@ -67,7 +65,7 @@ def film_study(
         chosen = [pick_scene([*scenes, *practice], name, study) for name in names]
     stimuli = make_stimuli(
         study,
-        _requests(all_shown(study), chosen, liquid, own),
+        _requests(study_trials(study), chosen, liquid, study_liquids(study)),
         settings,
         replace=replace,
         workers=workers,
@@ -78,14 +76,16 @@ def film_study(
 
 
 def _requests(
-    shown: Sequence[Shown], chosen: Sequence[Scene], liquid: str | None, own: Sequence[Liquid]
+    trials: Sequence[Trial], chosen: Sequence[Scene], liquid: str | None, own: Sequence[Liquid]
 ) -> list[StimulusRequest]:
     """Films of those scenes that were chosen, with all liquids or one."""
     ids = {scene.id for scene in chosen}
     designed = [
-        StimulusRequest(one.seen, resolve_liquid(one.liquid, one.scene, own), film=True)
-        for one in shown
-        if one.scene.id in ids
+        StimulusRequest(
+            trial.shown_scene, resolve_liquid(trial.liquid, trial.scene, own), film=True
+        )
+        for trial in trials
+        if trial.scene.id in ids
     ]
     if liquid is None:
         return designed

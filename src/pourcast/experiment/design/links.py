@@ -36,23 +36,23 @@ class Visitor:
     participant: str = ""
 
 
-def key(secret: bytes, entry: str) -> str:
+def link_key(secret: bytes, entry: str) -> str:
     """The word that opens a link of ours."""
     return hmac.new(secret, f"link {entry}".encode(), hashlib.sha256).hexdigest()[:20]
 
 
-def hashed(secret: bytes, identifier: str) -> str:
+def participant_code(secret: bytes, identifier: str) -> str:
     """Code of a platform's id, that can't be turned back without the study's database."""
     return hmac.new(secret, f"id {identifier}".encode(), hashlib.sha256).hexdigest()[:12]
 
 
-def links(base: str, secret: bytes) -> dict[str, str]:
+def participant_links(base: str, secret: bytes) -> dict[str, str]:
     """The links to give away, by entry."""
     prolific = "&".join(f"{name}={{{{%{name}%}}}}" for name in PROLIFIC)
     return {
-        "lab": f"{base}/?lab={key(secret, 'lab')}",
+        "lab": f"{base}/?lab={link_key(secret, 'lab')}",
         "prolific": f"{base}/?{prolific}",
-        "preview": f"{base}/?preview={key(secret, 'preview')}",
+        "preview": f"{base}/?preview={link_key(secret, 'preview')}",
     }
 
 
@@ -61,16 +61,18 @@ def visitor(parameters: Mapping[str, str], secret: bytes) -> Visitor | None:
     for entry in _KEYED:
         if entry in parameters:
             given = parameters[entry].encode()
-            if not hmac.compare_digest(given, key(secret, entry).encode()):
+            if not hmac.compare_digest(given, link_key(secret, entry).encode()):
                 return None
             name = parameters.get("participant", "")
             if entry != "lab" or not name:
                 return Visitor(entry)
-            return Visitor(entry, {"participant": name}, hashed(secret, f"lab {name}"))
+            return Visitor(entry, {"participant": name}, participant_code(secret, f"lab {name}"))
     for platform, names in (("prolific", PROLIFIC), ("mturk", MTURK)):
         identifier = parameters.get(names[0], "")
         if identifier and parameters.get("assignmentId") != "ASSIGNMENT_ID_NOT_AVAILABLE":
             ids = {name: parameters[name] for name in names if parameters.get(name)}
-            entry_: Entry = "prolific" if platform == "prolific" else "mturk"
-            return Visitor(entry_, ids, hashed(secret, f"{platform} {identifier}"))
+            platform_entry: Entry = "prolific" if platform == "prolific" else "mturk"
+            return Visitor(
+                platform_entry, ids, participant_code(secret, f"{platform} {identifier}")
+            )
     return None

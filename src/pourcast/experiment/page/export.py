@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pourcast.errors import InputError
-from pourcast.experiment.design.plan import Stock
+from pourcast.experiment.design.materials import Materials
 from pourcast.experiment.design.settings import Design, texts_of
 from pourcast.experiment.page.pages import participant_view, require_page, write_page
 from pourcast.files import check_empty, replacing, write_text
@@ -21,14 +21,14 @@ _STUDY_UUIDS = uuid.UUID("6f0f4f0c-5d3a-4a36-9d2c-0c6ce3d0a3f1")
 """Namespace of JATOS's ids: the same study has the same id, however often it is exported."""
 
 
-def export_static(folder: Path, stock: Stock, *, datapipe: str = "") -> None:
+def export_static(folder: Path, materials: Materials, *, datapipe: str = "") -> None:
     """Write a folder for any web host.
 
     Parameters
     ----------
     folder
         Must not exist, or be empty.
-    stock
+    materials
         Scenes, stimuli and design.
     datapipe
         Id of the experiment at DataPipe, which sends the data to the OSF. Without it
@@ -40,17 +40,17 @@ def export_static(folder: Path, stock: Stock, *, datapipe: str = "") -> None:
         If the folder holds something already, or can't be written.
     """
     check_empty(folder)
-    _write(folder, stock, "static", datapipe)
+    _write(folder, materials, "static", datapipe)
 
 
-def export_jatos(path: Path, stock: Stock) -> None:
+def export_jatos(path: Path, materials: Materials) -> None:
     """Write a study archive for JATOS: assets, and a .jas file (version 3) that describes them.
 
     Parameters
     ----------
     path
         A .jzip file.
-    stock
+    materials
         Scenes, stimuli and design.
 
     Raises
@@ -60,11 +60,11 @@ def export_jatos(path: Path, stock: Stock) -> None:
     """
     if path.suffix != ".jzip":
         raise InputError(f"{path}: expected a name that ends in .jzip")
-    name = f"pourcast-{stock.study.resolve().name}"
+    name = f"pourcast-{materials.study.resolve().name}"
     with tempfile.TemporaryDirectory() as temporary:
         assets = Path(temporary) / name
-        _write(assets, stock, "jatos", "")
-        described = json.dumps(_jas(name, stock.design, stock.digest), indent=1)
+        _write(assets, materials, "jatos", "")
+        described = json.dumps(_jas(name, materials.design, materials.digest), indent=1)
         with replacing(path) as archive, zipfile.ZipFile(archive, "w") as jzip:
             jzip.writestr(_entry(f"{name}.jas"), described)
             for file in sorted(assets.rglob("*")):
@@ -80,22 +80,22 @@ def _entry(name: str) -> zipfile.ZipInfo:
     return entry
 
 
-def _write(folder: Path, stock: Stock, transport: str, datapipe: str) -> None:
+def _write(folder: Path, materials: Materials, transport: str, datapipe: str) -> None:
     require_page()
-    design = stock.design
+    design = materials.design
     orders = OWN_ORDERS if design.order == "own" else 1
     places = [
         {
             "group": group,
             "place": place,
-            "steps": [step.for_participant() for step in stock.plan(group, place)],
+            "steps": [step.for_participant() for step in materials.steps(group, place)],
         }
         for group in range(len(design.groups))
         for place in range(orders)
     ]
     recruiting = design.recruiting
-    texts = texts_of(stock.study, design)
-    plan = participant_view(stock, texts) | {
+    texts = texts_of(materials.study, design)
+    plan = participant_view(materials, texts) | {
         "places": places,
         "codes": recruiting.codes,
         "redirect": recruiting.redirect,
@@ -103,7 +103,7 @@ def _write(folder: Path, stock: Stock, transport: str, datapipe: str) -> None:
     }
     write_text(folder / "plan.json", json.dumps(plan, separators=(",", ":")) + "\n")
     write_page(folder, texts, design.language, transport)
-    for name, file in stock.files.items():
+    for name, file in materials.published.items():
         (folder / "media").mkdir(exist_ok=True)
         shutil.copyfile(file, folder / "media" / name)
 

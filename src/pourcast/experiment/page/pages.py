@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pourcast.errors import InputError
-from pourcast.experiment.design.plan import Stock
+from pourcast.experiment.design.materials import Materials
 from pourcast.experiment.design.settings import liquids_of
 from pourcast.files import write_text
 from pourcast.scenes.goals.base import Goal
@@ -67,13 +67,13 @@ def write_page(folder: Path, texts: Mapping[str, Any], language: str, transport:
     shutil.copytree(DIST / "assets", folder / "assets")
 
 
-def participant_view(stock: Stock, texts: Mapping[str, Any]) -> dict[str, Any]:
+def participant_view(materials: Materials, texts: Mapping[str, Any]) -> dict[str, Any]:
     """What every browser must know of an experiment."""
-    design, box = stock.design, stock.scenes[0].box
+    design, box = materials.design, materials.scenes[0].box
     return {
         "texts": texts,
-        "answer_picture": _answer_picture(type(stock.scenes[0].goal)),
-        "colours": _colours(stock),
+        "answer_picture": _answer_picture(type(materials.scenes[0].goal)),
+        "colours": _colours(materials),
         "aspect": box.width / box.height,
         "slider": design.slider.model_dump(),
         **design.model_dump(
@@ -96,10 +96,10 @@ def _answer_picture(goal: type[Goal]) -> dict[str, Any]:
     return {"columns": columns, "parts": picture.parts}
 
 
-def _colours(stock: Stock) -> dict[str, str]:
+def _colours(materials: Materials) -> dict[str, str]:
     """Colour of each liquid that the design shows."""
-    own = study_liquids(stock.study)
+    own = study_liquids(materials.study)
     return {
-        liquid: resolve_liquid(liquid, stock.scenes[0], own).colour
-        for liquid in liquids_of(stock.design)
+        liquid: resolve_liquid(liquid, materials.scenes[0], own).colour
+        for liquid in liquids_of(materials.design)
     }

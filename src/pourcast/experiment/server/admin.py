@@ -17,13 +17,13 @@ from starlette.routing import Route
 
 from pourcast.experiment.data.overview import overview
 from pourcast.experiment.data.tables import defused, participants_table, trials_table
-from pourcast.experiment.server.service import Experiment
+from pourcast.experiment.server.live_experiment import LiveExperiment
 
 _BINS = 10
 _HEIGHT = 40.0
 
 
-def admin_routes(experiment: Experiment) -> tuple[Route, ...]:
+def admin_routes(experiment: LiveExperiment) -> tuple[Route, ...]:
     """Routes of the admin page; each refuses whoever has not the token."""
     admin = _Admin(experiment)
     return (
@@ -35,7 +35,7 @@ def admin_routes(experiment: Experiment) -> tuple[Route, ...]:
 
 
 class _Admin:
-    def __init__(self, experiment: Experiment) -> None:
+    def __init__(self, experiment: LiveExperiment) -> None:
         self.experiment = experiment
         environment = Environment(autoescape=select_autoescape(default=True))
         own = files("pourcast.experiment.server")
@@ -75,14 +75,15 @@ class _Admin:
     def _html(self) -> str:
         experiment = self.experiment
         experiment.storage.drop_stale(experiment.design.largest_gap, experiment.clock())
-        seen = overview(experiment.storage)
+        seen = overview(experiment.storage, experiment.journal)
         table = participants_table(experiment.storage)
         return self._template.render(
             title=experiment.texts["page"]["title"],
             study=experiment.study.name,
             token=experiment.storage.admin_token,
             now=time.strftime("%Y-%m-%d %H:%M:%S"),
-            overview=seen,
+            judgments=seen.judgments,
+            warnings=[*seen.warnings, *experiment.failures],
             states=seen.states,
             liquids=["+".join(group) for group in experiment.design.groups],
             median_rt="" if np.isnan(seen.median_rt) else f"{seen.median_rt:.1f}",

@@ -19,11 +19,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pourcast.errors import StoreError
 from pourcast.experiment.design.links import visitor
-from pourcast.experiment.design.plan import Step
+from pourcast.experiment.design.steps import Step
 from pourcast.experiment.page.pages import DIST, page_html, participant_view, require_page
-from pourcast.experiment.server.service import Experiment
-from pourcast.experiment.storage.records import MAX_BODY
-from pourcast.experiment.storage.storage import COMPLETE, OPEN, Refusal, Session
+from pourcast.experiment.server.live_experiment import LiveExperiment, NoSuchStepError
+from pourcast.experiment.storage.record_bodies import MAX_BODY
+from pourcast.experiment.storage.sessions import COMPLETE, OPEN, Refusal, Session
 
 _REFUSED = {"link": 403, "full": 403, "again": 403, "late": 410, "gone": 401, "busy": 429}
 
@@ -55,26 +55,28 @@ _Tab = Annotated[str, StringConstraints(pattern="^[A-Za-z0-9_-]{8,64}$")]
 _Parameter = Annotated[str, StringConstraints(max_length=200)]
 
 
-class _Asked(BaseModel):
+class _Content(BaseModel):
+    """What a request says."""
+
     model_config = ConfigDict(extra="forbid")
 
 
-class _Begin(_Asked):
+class _BeginContent(_Content):
     request: _Tab
     tab: _Tab
     link: dict[_Parameter, _Parameter] = Field(max_length=20)
 
 
-class _Resume(_Asked):
+class _ResumeContent(_Content):
     tab: _Tab | None = None
 
 
-class _Post(_Asked):
+class _RecordContent(_Content):
     tab: _Tab
     body: dict[str, Any]
 
 
-class _Finish(_Asked):
+class _FinishContent(_Content):
     state: Literal["complete", "declined", "screened_out", "failed_check"]
 
 
@@ -89,9 +91,9 @@ class SafeHeaders:
 
         async def send_safe(message: Message) -> None:
             if message["type"] == "http.response.start":
-                there = {name.lower() for name, _ in message["headers"]}
+                given = {name.lower() for name, _ in message["headers"]}
                 extra = dict(_HEADERS)
-                if b"cache-control" not in there:
+                if b"cache-control" not in given:
                     extra["Cache-Control"] = "no-store"
                 message["headers"] += [
                     (name.lower().encode(), value.encode()) for name, value in extra.items()
@@ -104,13 +106,13 @@ class SafeHeaders:
 class SimulatedAnswers(Protocol):
     """What simulated observers answer (`pourcast.observers.rehearsal`)."""
 
-    def answers(self, observer: int, plan: Sequence[Step]) -> dict[str, Any]:
+    def answers(self, observer: int, steps: Sequence[Step]) -> dict[str, Any]:
         """Responses and response times [s] of an observer (from 0), by the step's number."""
         ...
 
 
 def create_app(
-    experiment: Experiment,
+    experiment: LiveExperiment,
     *,
     rehearsal: SimulatedAnswers | None = None,
     extra: tuple[Route, ...] = (),
@@ -177,7 +179,7 @@ class _Forever(StaticFiles):
 
 
 class _Api:
-    def __init__(self, experiment: Experiment, rehearsal: SimulatedAnswers | None) -> None:
+    def __init__(self, experiment: LiveExperiment, rehearsal: SimulatedAnswers | None) -> None:
         self.experiment, self.rehearsal = experiment, rehearsal
         self._page = page_html(experiment.texts, experiment.design.language)
 
@@ -187,55 +189,60 @@ class _Api:
 
     async def begin(self, request: Request) -> Response:
         """Begin a session, or go on with that of the same request or platform session."""
-        asked = await _parsed(request, _Begin)
-        who = visitor(asked.link, self.experiment.storage.secret)
+        content = await _parsed(request, _BeginContent)
+        who = visitor(content.link, self.experiment.storage.secret)
         if who is None or (who.entry == "simulation" and self.rehearsal is None):
             raise Refusal("link")
         address = request.client.host if request.client else ""
-        session, token = await self.experiment.begin(who, asked.request, asked.tab, address)
-        answer = await self._told(session)
+        session, token = await self.experiment.begin(who, content.request, content.tab, address)
+        answer = await self._session_view(session)
         if who.entry == "simulation" and self.rehearsal is not None:
-            observer = asked.link.get("observer", "")
+            observer = content.link.get("observer", "")
             answer["simulated"] = self.rehearsal.answers(
                 int(observer) if re.fullmatch("[0-9]{1,4}", observer) else session.place,
-                session.plan,
+                session.steps,
             )
         return JSONResponse(answer | {"token": token}, 201)
 
     async def resume(self, request: Request) -> Response:
         """Say what is saved of a session, and give it to the tab that asks for it."""
-        asked = await _parsed(request, _Resume)
-        session = await self.experiment.resume(_token(request), asked.tab)
-        return JSONResponse(await self._told(session))
+        content = await _parsed(request, _ResumeContent)
+        session = await self.experiment.resume(_token(request), content.tab)
+        return JSONResponse(await self._session_view(session))
 
     async def save(self, request: Request) -> Response:
-        """Save a record. The answer is sent when it is on the disk."""
+        """Save a record. The answer is sent when the database has it on the disk."""
         session = await self._session(request)
-        asked = await _parsed(request, _Post)
+        content = await _parsed(request, _RecordContent)
         try:
-            saved = await self.experiment.save(
-                session, request.path_params["seq"], asked.body, asked.tab
+            result = await self.experiment.save(
+                session, request.path_params["seq"], content.body, content.tab
             )
-        except IndexError:
+        except NoSuchStepError:
             raise HTTPException(404, "no such step") from None
         except ValidationError as error:
             raise HTTPException(422, _first(error)) from None
-        if saved.result == "gone":
+        if result.status == "gone":
             raise Refusal("gone")
-        return JSONResponse({"saved": saved.result, "superseded": saved.superseded})
+        return JSONResponse({"saved": result.status, "superseded": result.superseded})
 
     async def finish(self, request: Request) -> Response:
         """End a session, or name the steps that are missing."""
-        session = await self._session(request)
-        asked = await _parsed(request, _Finish)
-        missing = await self.experiment.finish(session, asked.state)
+        session = await self.experiment.session_of(_token(request))
+        content = await _parsed(request, _FinishContent)
+        if session is None and content.state == "declined":
+            # Deleted before, and the browser never got the answer.
+            return JSONResponse({"missing": [], "code": "", "redirect": ""})
+        if session is None:
+            raise Refusal("gone")
+        missing = await self.experiment.finish(session, content.state)
         if missing:
             return JSONResponse({"missing": missing})
-        return JSONResponse({"missing": [], **self._farewell(session, asked.state)})
+        return JSONResponse({"missing": [], **self._farewell(session, content.state)})
 
     async def media(self, request: Request) -> Response:
         """A still, or a film of a practice trial."""
-        path = self.experiment.stock.files.get(request.path_params["name"])
+        path = self.experiment.materials.published.get(request.path_params["name"])
         if path is None or not path.is_file():
             raise HTTPException(404, "no such file")
         return FileResponse(path, headers={"Cache-Control": "private, max-age=86400, immutable"})
@@ -246,20 +253,20 @@ class _Api:
             raise Refusal("gone")
         return session
 
-    async def _told(self, session: Session) -> dict[str, Any]:
+    async def _session_view(self, session: Session) -> dict[str, Any]:
         """What the browser must know of a session."""
         experiment = self.experiment
-        told = participant_view(experiment.stock, experiment.texts) | {
+        view = participant_view(experiment.materials, experiment.texts) | {
             "participant": session.participant,
             "entry": session.entry,
             "state": session.state,
             "code": session.code,
-            "steps": [step.for_participant() for step in session.plan],
-            "done": await experiment.done(session),
+            "steps": [step.for_participant() for step in session.steps],
+            "done": await experiment.saved_steps(session),
         }
         if session.state != OPEN:
-            told |= self._farewell(session, session.state)
-        return told
+            view |= self._farewell(session, session.state)
+        return view
 
     def _farewell(self, session: Session, state: str) -> dict[str, str]:
         """Completion code and way back, when a session has ended."""

@@ -1,4 +1,4 @@
-"""The database of an experiment: its tables, and how it is opened so that nothing is lost."""
+"""How the database of an experiment is opened, so that nothing is lost."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ import sqlalchemy as sa
 
 from pourcast.errors import InputError
 
-_NETWORK = frozenset(
+_NETWORK_FILE_SYSTEMS = frozenset(
     {
         "9p", "afs", "beegfs", "ceph", "cifs", "davfs", "fuse.ceph", "fuse.davfs2",
         "fuse.glusterfs", "fuse.sshfs", "glusterfs", "gpfs", "lustre", "ncpfs", "nfs", "nfs3",
@@ -16,55 +16,6 @@ _NETWORK = frozenset(
     }
 )  # fmt: skip
 """File systems on which SQLite's write-ahead log is not safe."""
-
-TABLES = sa.MetaData()
-META = sa.Table(
-    "meta",
-    TABLES,
-    sa.Column("name", sa.Text, primary_key=True),
-    sa.Column("value", sa.Text, nullable=False),
-)
-SESSIONS = sa.Table(
-    "sessions",
-    TABLES,
-    sa.Column("id", sa.Integer, primary_key=True),
-    sa.Column("request", sa.Text, nullable=False, unique=True),
-    sa.Column("participant", sa.Text, nullable=False, index=True),
-    sa.Column("entry", sa.Text, nullable=False),
-    sa.Column("identifiers", sa.Text, nullable=False),
-    sa.Column("group_number", sa.Integer, nullable=False),
-    sa.Column("place", sa.Integer, nullable=False),
-    sa.Column("state", sa.Text, nullable=False),
-    sa.Column("tab", sa.Text, nullable=False),
-    sa.Column("code", sa.Text, nullable=False),
-    sa.Column("plan", sa.Text, nullable=False),
-    sa.Column("started", sa.Float, nullable=False),
-    sa.Column("last_seen", sa.Float, nullable=False),
-)
-TOKENS = sa.Table(
-    "tokens",
-    TABLES,
-    sa.Column("digest", sa.Text, primary_key=True),
-    sa.Column("session", sa.ForeignKey("sessions.id"), nullable=False, index=True),
-)
-RECORDS = sa.Table(
-    "records",
-    TABLES,
-    sa.Column("session", sa.ForeignKey("sessions.id"), primary_key=True),
-    sa.Column("seq", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("kind", sa.Text, nullable=False),
-    sa.Column("body", sa.Text, nullable=False),
-    sa.Column("received", sa.Float, nullable=False),
-)
-ASIDE = sa.Table(
-    "aside",
-    TABLES,
-    sa.Column("session", sa.ForeignKey("sessions.id"), primary_key=True),
-    sa.Column("seq", sa.Integer, primary_key=True, autoincrement=False),
-    sa.Column("digest", sa.Text, primary_key=True),
-    sa.Column("body", sa.Text, nullable=False),
-    sa.Column("received", sa.Float, nullable=False),
-)
 
 
 def open_engine(url: str) -> sa.Engine:
@@ -97,18 +48,18 @@ def open_engine(url: str) -> sa.Engine:
             "database: PostgreSQL needs pourcast's extra: pip install 'pourcast[postgresql]'"
         ) from None
     if kind == "sqlite":
-        _refuse_network(Path(parsed.database or ""))
-        sa.event.listen(engine, "connect", _safe_sqlite)
+        _refuse_network_file_system(Path(parsed.database or ""))
+        sa.event.listen(engine, "connect", _set_sqlite_pragmas)
     return engine
 
 
-def reason(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """What the database said, in one line."""
     cause = getattr(error, "orig", None) or error
     return " ".join(str(cause).split())
 
 
-def _safe_sqlite(connection: Any, _: Any) -> None:
+def _set_sqlite_pragmas(connection: Any, _: Any) -> None:
     cursor = connection.cursor()
     for pragma in (
         "busy_timeout = 10000",
@@ -121,12 +72,12 @@ def _safe_sqlite(connection: Any, _: Any) -> None:
     cursor.close()
 
 
-def _refuse_network(path: Path) -> None:
+def _refuse_network_file_system(path: Path) -> None:
     """Refuse SQLite on a network's file system, where its write-ahead log loses data."""
     place = path.resolve()
     mounts = {Path(one.mountpoint): one.fstype for one in psutil.disk_partitions(all=True)}
     nearest = next((parent for parent in place.parents if parent in mounts), None)
-    if nearest is not None and mounts[nearest].lower() in _NETWORK:
+    if nearest is not None and mounts[nearest].lower() in _NETWORK_FILE_SYSTEMS:
         raise InputError(
             f"{path}: lies on a network file system ({mounts[nearest]}), where SQLite can lose "
             "data; put the study on a local disk, or give a PostgreSQL server by --database"

@@ -1,99 +1,158 @@
-"""What a record of each kind of step may say. Times are in seconds, since the step was shown."""
+"""Records in the database: what a participant did in a step, kept once.
 
-import json
-from typing import Annotated, Any, Literal
+A record's key is its session and the number of its step. The same record may come twice, and is
+kept once; another one under the same key is a conflict, and is kept in a table of its own.
 
-from pydantic import BaseModel, ConfigDict, Field
+The functions work in a transaction that `storage.Storage` opens.
+"""
 
-MAX_BODY = 65536
-"""Bytes of the largest request."""
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
-_Seconds = Annotated[float, Field(ge=0.0, le=1e7, allow_inf_nan=False)]
-_Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
-_Count = Annotated[int, Field(ge=0, le=10**7)]
-_Pixels = Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]
-_Word = Annotated[str, Field(max_length=200)]
+import sqlalchemy as sa
 
+from pourcast.experiment.storage.schema import CONFLICTS, RECORDS, SESSIONS
 
-class _Body(BaseModel):
-    """What a record of any step says; `data.TRIAL_COLUMNS` tells what the fields mean."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    rt: _Seconds
-    window_width: _Pixels = 0.0
-    window_height: _Pixels = 0.0
-    focus_losses: _Count = 0
-    dropped_frames: _Count = 0
+MAX_CONFLICTS = 20
+"""Conflicting records kept, at most, under one key."""
 
 
-class Judgment(_Body):
-    """An answer by the slider. `stimulus` is the name of the picture."""
+@dataclass(frozen=True)
+class Record:
+    """What a participant did in a step: the body is JSON, in its canonical form."""
 
-    stimulus: _Word
-    response: _Share
-    start: _Share | None
-    first_move: _Seconds | None
-    moves: _Count
-    input: Literal["mouse", "touch", "keyboard", "none"]
-    trajectory: list[tuple[_Seconds, _Share]] | None = Field(default=None, max_length=2000)
-
-
-class Film(_Body):
-    """A film of what happens, after practice."""
-
-    stimulus: _Word
-    played: bool
-    stalls: _Count = 0
+    session: int
+    seq: int
+    kind: str
+    body: str
+    received: float
+    tab: str = ""
 
 
-class Check(_Body):
-    """The browser and the screen."""
+@dataclass(frozen=True)
+class SaveResult:
+    """What became of a record.
 
-    browser: _Word = ""
-    browser_version: _Word = ""
-    system: _Word = ""
-    mobile: bool = False
-    refresh_rate: Annotated[float, Field(ge=0.0, le=1e4)] | None = None
-    language: _Word = ""
-    tries: _Count = 1
-
-
-class Instructions(_Body):
-    """Answers to the questions about the instructions, an attempt a list."""
-
-    attempts: list[list[Annotated[int, Field(ge=-1, le=20)]]] = Field(max_length=50)
-
-
-class Debrief(_Body):
-    """What a participant has to say."""
-
-    remarks: str = Field(default="", max_length=5000)
-
-
-class Plain(_Body):
-    """A step in which nothing is asked."""
-
-
-BODIES: dict[str, type[_Body]] = {
-    "consent": Plain,
-    "check": Check,
-    "instructions": Instructions,
-    "judgment": Judgment,
-    "film": Film,
-    "break": Plain,
-    "debrief": Debrief,
-}
-"""What a record says, by the kind of its step."""
-
-
-def canonical(kind: str, content: Any) -> str:
-    """A record's body, checked, as the JSON that is stored: the same for the same content.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        If it is not what such a step's record says.
+    Parameters
+    ----------
+    status
+        `new`; `repeated`: was there; `conflict`: another was there, and this one is
+        kept among the conflicts; `gone`: the session does not exist.
+    superseded
+        Another tab has the session now.
     """
-    body = BODIES[kind].model_validate(content).model_dump(mode="json")
-    return json.dumps(body, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+
+    status: Literal["new", "repeated", "conflict", "gone"]
+    superseded: bool = False
+
+
+def save_records(connection: sa.Connection, records: Sequence[Record]) -> list[SaveResult]:
+    """Save records, and note when their sessions were last heard of."""
+    tabs = _tabs(connection, records)
+    bodies = _bodies(connection, records)
+    new, results = [], []
+    for record in records:
+        key = record.session, record.seq
+        if record.session not in tabs:
+            results.append(SaveResult("gone"))
+            continue
+        superseded = bool(record.tab) and tabs[record.session] != record.tab
+        if key not in bodies:
+            new.append(record)
+            bodies[key] = record.body
+            results.append(SaveResult("new", superseded))
+        elif bodies[key] == record.body:
+            results.append(SaveResult("repeated", superseded))
+        else:
+            _insert_conflict(connection, record)
+            results.append(SaveResult("conflict", superseded))
+    if new:
+        connection.execute(RECORDS.insert(), [_row(record) for record in new])
+    # Those of a batch came together. A clock that is set back makes no session older.
+    latest = max(record.received for record in records)
+    connection.execute(
+        SESSIONS.update()
+        .where(SESSIONS.c.id.in_(list(tabs)), SESSIONS.c.last_seen < latest)
+        .values(last_seen=latest)
+    )
+    return results
+
+
+def saved_steps(connection: sa.Connection, session: int) -> list[int]:
+    """Numbers of the steps of a session that there are records of."""
+    return list(
+        connection.scalars(
+            sa.select(RECORDS.c.seq).where(RECORDS.c.session == session).order_by(RECORDS.c.seq)
+        )
+    )
+
+
+def all_records(connection: sa.Connection) -> list[Record]:
+    """All records, by session and step."""
+    rows = connection.execute(
+        sa.select(RECORDS).order_by(RECORDS.c.session, RECORDS.c.seq)
+    ).mappings()
+    return [Record(**row) for row in rows]
+
+
+def all_conflicts(connection: sa.Connection) -> list[Record]:
+    """Records that came under a key that another one had, by session and step."""
+    rows = connection.execute(
+        sa.select(CONFLICTS, RECORDS.c.kind)
+        .join(
+            RECORDS,
+            sa.and_(RECORDS.c.session == CONFLICTS.c.session, RECORDS.c.seq == CONFLICTS.c.seq),
+        )
+        .order_by(CONFLICTS.c.session, CONFLICTS.c.seq, CONFLICTS.c.received)
+    ).mappings()
+    return [
+        Record(**{name: value for name, value in row.items() if name != "digest"}) for row in rows
+    ]
+
+
+def _tabs(connection: sa.Connection, records: Sequence[Record]) -> dict[int, str]:
+    """The tab that has each session, of those sessions of the records that exist."""
+    rows = connection.execute(
+        sa.select(SESSIONS.c.id, SESSIONS.c.tab).where(
+            SESSIONS.c.id.in_({record.session for record in records})
+        )
+    )
+    return {row.id: row.tab for row in rows}
+
+
+def _bodies(connection: sa.Connection, records: Sequence[Record]) -> dict[tuple[int, int], str]:
+    """Bodies that are saved under the keys of these records."""
+    keys = [(record.session, record.seq) for record in records]
+    rows = connection.execute(
+        sa.select(RECORDS.c.session, RECORDS.c.seq, RECORDS.c.body).where(
+            sa.tuple_(RECORDS.c.session, RECORDS.c.seq).in_(keys)
+        )
+    )
+    return {(session, seq): body for session, seq, body in rows}
+
+
+def _insert_conflict(connection: sa.Connection, record: Record) -> None:
+    digest = hashlib.sha256(record.body.encode()).hexdigest()
+    digests = set(
+        connection.scalars(
+            sa.select(CONFLICTS.c.digest).where(
+                CONFLICTS.c.session == record.session, CONFLICTS.c.seq == record.seq
+            )
+        )
+    )
+    if digest not in digests and len(digests) < MAX_CONFLICTS:
+        row = _row(record)
+        del row["kind"]
+        connection.execute(CONFLICTS.insert().values(digest=digest, **row))
+
+
+def _row(record: Record) -> dict[str, Any]:
+    return {
+        "session": record.session,
+        "seq": record.seq,
+        "kind": record.kind,
+        "body": record.body,
+        "received": record.received,
+    }

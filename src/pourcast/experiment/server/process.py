@@ -1,7 +1,8 @@
-"""Serving an experiment until somebody ends it."""
+"""The server as a process: it has a study to itself, listens at an address, and is ended."""
 
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,12 @@ from filelock import FileLock, Timeout
 from starlette.applications import Starlette
 
 from pourcast.errors import InputError, StoreError
+from pourcast.experiment.design.links import participant_links
+from pourcast.experiment.server.admin import admin_routes
+from pourcast.experiment.server.app import create_app
+from pourcast.experiment.server.live_experiment import LiveExperiment
+from pourcast.experiment.storage.storage import Storage
+from pourcast.progress import Report, no_report
 
 LOCK = "experiment.lock"
 
@@ -51,6 +58,83 @@ class Address:
         anywhere = self.host in ("0.0.0.0", "::")
         name = socket.gethostname() if anywhere else self.host
         return f"http://{f'[{name}]' if ':' in name else name}:{port}"
+
+
+class ExperimentServer:
+    """A study's experiment, made ready to be served; nobody else serves it until it is closed.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    storage
+        Where judgments are kept; closed with the server.
+    address
+        Where it will be served.
+    admin
+        Whether there is an admin page; None: only if others can't reach the address.
+    sessions_per_address
+        How many sessions an address may open in an hour.
+    report
+        Told of the progress of making stimuli.
+
+    Raises
+    ------
+    InputError
+        If the study is not fit for it, or the page has not been built.
+    StoreError
+        If another server has the study, or database or journal can't be read.
+    """
+
+    def __init__(
+        self,
+        study: Path,
+        storage: Storage,
+        address: Address,
+        *,
+        admin: bool | None = None,
+        sessions_per_address: int = 200,
+        report: Report = no_report,
+    ) -> None:
+        self.address = address
+        self.has_admin = not address.is_public if admin is None else admin
+        with ExitStack() as resources:
+            lock = lock_study(study)
+            resources.callback(lock.release)
+            self.experiment = LiveExperiment(
+                study, storage, report, sessions_per_address=sessions_per_address
+            )
+            resources.callback(self.experiment.close)
+            routes = admin_routes(self.experiment) if self.has_admin else ()
+            self.app = create_app(self.experiment, extra=routes)
+            self._resources = resources.pop_all()
+
+    def close(self) -> None:
+        """Close the database, and let others serve the study."""
+        self._resources.close()
+
+    def links(self, base: str) -> dict[str, str]:
+        """The links to give away, and that of the admin page if there is one, by name."""
+        storage = self.experiment.storage
+        links = participant_links(base, storage.secret)
+        if self.has_admin:
+            links["admin"] = f"{base}/admin?token={storage.admin_token}"
+        return links
+
+    def run(self, ready: Callable[[Mapping[str, str]], None]) -> None:
+        """Serve until Ctrl-C or a signal ends it.
+
+        Parameters
+        ----------
+        ready
+            Called with the links, by name, before the first request.
+
+        Raises
+        ------
+        StoreError
+            If the port is taken.
+        """
+        serve(self.app, self.address, lambda base: ready(self.links(base)))
 
 
 def lock_study(study: Path) -> FileLock:
@@ -109,4 +193,5 @@ def serve(app: Starlette, address: Address, ready: Callable[[str], None]) -> Non
             # Longer than a trial: a connection serves a whole session.
             timeout_keep_alive=75,
         )
-        uvicorn.Server(config).run(sockets=[listener])
+        with suppress(KeyboardInterrupt):  # uvicorn ends first, and then raises it
+            uvicorn.Server(config).run(sockets=[listener])

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pourcast.errors import InputError, one_line
 from pourcast.experiment.design.links import visitor
-from pourcast.experiment.design.plan import Step
-from pourcast.experiment.storage.journal import Journal
-from pourcast.experiment.storage.records import canonical
-from pourcast.experiment.storage.storage import Arrival, Record, Session, Storage
+from pourcast.experiment.design.steps import Schedule, Step
+from pourcast.experiment.storage.journal import Journal, opening_record
+from pourcast.experiment.storage.record_bodies import canonical
+from pourcast.experiment.storage.records import Record
+from pourcast.experiment.storage.sessions import Arrival, Session
+from pourcast.experiment.storage.storage import Storage
 
 FORMAT = "pourcast-records"
 
@@ -43,22 +45,22 @@ class _Line(BaseModel):
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportSummary:
     """What was read from a file: sessions, and what became of its records."""
 
     sessions: int
     new: int
     repeated: int
-    kept_aside: int
+    conflicts: int
 
 
 def import_records(
     path: Path,
     storage: Storage,
     journal: Journal,
-    plan: Callable[[int, int], Sequence[Step]],
+    schedule: Schedule,
     now: float,
-) -> Imported:
+) -> ImportSummary:
     """Take in a file of records: one that a participant downloaded, or that JATOS or DataPipe kept.
 
     Parameters
@@ -67,7 +69,7 @@ def import_records(
         JSON Lines: a line that opens each session, and a line each record.
     storage, journal
         Where they go.
-    plan
+    schedule
         From group and place to a session's steps, of sessions that the database does not know.
     now
         Seconds since 1970.
@@ -79,39 +81,44 @@ def import_records(
         file is taken in then.
     """
     sources: dict[str, _Source] = {}
-    found: list[tuple[str, int, str, str]] = []
+    checked: list[tuple[str, int, str, str]] = []
     for number, content in _json_lines(path):
         where = f"{path}: line {number}"
         try:
             if "format" in content:
                 opening = _Opening.model_validate(content)
-                sources[opening.session] = _source(opening, storage, plan, where)
+                sources[opening.session] = _source(opening, storage, schedule, where)
             else:
-                found.append(_checked(_Line.model_validate(content), sources, where))
+                checked.append(_checked(_Line.model_validate(content), sources, where))
         except ValidationError as error:
             raise InputError(f"{where}: {one_line(error)}") from None
     sessions = {
         name: source.known or _opened(source, storage, now) for name, source in sources.items()
     }
     records = [
-        Record(sessions[name].number, seq, kind, body, now) for name, seq, kind, body in found
+        Record(sessions[name].number, seq, kind, body, now) for name, seq, kind, body in checked
     ]
     results = storage.save(records) if records else []
-    journal.append(r for r, saved in zip(records, results, strict=True) if saved.result == "new")
+    journal.catch_up(
+        [
+            *(opening_record(sessions[n]) for n, source in sources.items() if source.known is None),
+            *(r for r, result in zip(records, results, strict=True) if result.status == "new"),
+        ]
+    )
     for session in sessions.values():
-        if len(storage.done(session.number)) == len(session.plan):
+        if len(storage.saved_steps(session.number)) == len(session.steps):
             storage.end(session.number, "complete")
-    counts = Counter(saved.result for saved in results)
-    return Imported(len(sessions), counts["new"], counts["repeated"], counts["conflict"])
+    counts = Counter(result.status for result in results)
+    return ImportSummary(len(sessions), counts["new"], counts["repeated"], counts["conflict"])
 
 
 @dataclass(frozen=True)
 class _Source:
-    """A session in a file: known to the database, or to be opened with a plan."""
+    """A session in a file: known to the database, or to be opened with its steps."""
 
     opening: _Opening
     known: Session | None
-    plan: Sequence[Step]
+    steps: Sequence[Step]
 
 
 def _checked(line: _Line, sources: Mapping[str, _Source], where: str) -> tuple[str, int, str, str]:
@@ -119,9 +126,9 @@ def _checked(line: _Line, sources: Mapping[str, _Source], where: str) -> tuple[s
     source = sources.get(line.session)
     if source is None:
         raise InputError(f"{where}: session: no line before opens it")
-    if line.seq >= len(source.plan):
-        raise InputError(f"{where}: seq: expected below {len(source.plan)}")
-    kind = source.plan[line.seq].kind
+    if line.seq >= len(source.steps):
+        raise InputError(f"{where}: seq: expected below {len(source.steps)}")
+    kind = source.steps[line.seq].kind
     return line.session, line.seq, kind, canonical(kind, line.body)
 
 
@@ -144,19 +151,17 @@ def _json_lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         yield number, content
 
 
-def _source(
-    opening: _Opening, storage: Storage, plan: Callable[[int, int], Sequence[Step]], where: str
-) -> _Source:
+def _source(opening: _Opening, storage: Storage, schedule: Schedule, where: str) -> _Source:
     """What an opening line speaks of; nothing is written yet."""
     if opening.format != FORMAT:
         raise InputError(f"{where}: format: expected {FORMAT}, found {opening.format}")
     known = storage.session_of(opening.session)
     if known is not None:
-        return _Source(opening, known, known.plan)
+        return _Source(opening, known, known.steps)
     if opening.group is None or opening.place is None:
         raise InputError(f"{where}: session: not one of this study's")
     try:
-        return _Source(opening, None, plan(opening.group, opening.place))
+        return _Source(opening, None, schedule(opening.group, opening.place))
     except IndexError:
         raise InputError(f"{where}: group: this study has no group {opening.group}") from None
 
@@ -174,4 +179,4 @@ def _opened(source: _Source, storage: Storage, now: float) -> Session:
     )
     assert opening.group is not None
     assert opening.place is not None
-    return storage.insert(arrival, opening.group, opening.place, source.plan, now)
+    return storage.insert(arrival, opening.group, opening.place, source.steps, now)

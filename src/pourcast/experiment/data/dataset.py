@@ -1,0 +1,64 @@
+"""An experiment's data written to files: two tables, or a Psych-DS dataset."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pourcast.experiment.data.psych_ds import write_psych_ds
+from pourcast.experiment.data.tables import participants_table, trials_table, write_csv
+from pourcast.experiment.design.settings import read_design
+from pourcast.experiment.storage.storage import Storage
+
+
+@dataclass(frozen=True)
+class WrittenData:
+    """What was written: the files, and how many participants and judgments are in them."""
+
+    paths: list[Path]
+    participants: int
+    judgments: int
+
+
+def write_data(
+    folder: Path,
+    study: Path,
+    storage: Storage,
+    form: Literal["csv", "psych-ds"] = "csv",
+    *,
+    identifiers: bool = False,
+    preview: bool = False,
+) -> WrittenData:
+    """Write an experiment's data.
+
+    Parameters
+    ----------
+    folder
+        Where to. For Psych-DS it must not exist, or be empty.
+    study
+        The study folder.
+    storage
+        Its database.
+    form
+        Two tables, or a whole dataset.
+    identifiers
+        With the recruiting platform's ids, which must not be published.
+    preview
+        With those who came by the preview link.
+
+    Raises
+    ------
+    InputError
+        If the design is wrong, or the folder can't be written or, for Psych-DS, holds
+        something already.
+    StoreError
+        If the database can't be read.
+    """
+    trials = trials_table(storage, preview=preview)
+    participants = participants_table(storage, preview=preview, identifiers=identifiers)
+    if form == "psych-ds":
+        paths = write_psych_ds(folder, study, read_design(study), trials, participants)
+    else:
+        paths = [folder / "trials.csv", folder / "participants.csv"]
+        for path, table in zip(paths, (trials, participants), strict=True):
+            write_csv(path, table)
+    return WrittenData(paths, len(participants), len(trials))

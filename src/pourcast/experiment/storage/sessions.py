@@ -1,0 +1,285 @@
+"""Sessions in the database: who takes part, in which group and place, and how it ended.
+
+The functions work in a transaction that `storage.Storage` opens.
+"""
+
+import hashlib
+import json
+import secrets
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from pourcast.experiment.design.steps import Schedule, Step
+from pourcast.experiment.storage.schema import SESSIONS, TOKENS
+
+OPEN, COMPLETE, DROPPED = "open", "complete", "dropped"
+"""States of a session, beside `screened_out` and `failed_check`; dropped if nobody came back."""
+
+RECRUITED = ("lab", "prolific", "mturk")
+"""Entries whose sessions are the study's; `preview` and `simulation` are not."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """A participant's session.
+
+    Parameters
+    ----------
+    number
+        Its number in the database.
+    participant
+        Code of the participant, the same for the same platform id.
+    entry
+        How they came: one of `RECRUITED`, `preview` or `simulation`.
+    identifiers
+        The recruiting platform's ids.
+    group, place
+        Which liquids, and which order.
+    state
+        `open`, `complete`, `dropped`, `screened_out` or `failed_check`.
+    tab
+        Browser tab that has the session.
+    code
+        The session's own completion code.
+    steps
+        What is to be done in it.
+    started, last_seen
+        Seconds since 1970.
+    """
+
+    number: int
+    participant: str
+    entry: str
+    identifiers: Mapping[str, str]
+    group: int
+    place: int
+    state: str
+    tab: str
+    code: str
+    steps: tuple[Step, ...]
+    started: float
+    last_seen: float
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """Somebody who begins a session.
+
+    Parameters
+    ----------
+    request
+        Made up by the browser: the same request gets the same session.
+    entry, identifiers, tab
+        As in `Session`.
+    participant
+        Code of the participant; empty for a new one.
+    """
+
+    request: str
+    entry: str
+    identifiers: Mapping[str, str]
+    tab: str
+    participant: str = ""
+
+
+class Refusal(Exception):  # noqa: N818 - nothing went wrong
+    """Somebody can't go on: `reason` is a name among the texts of `stop`."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+def token_digest(token: str) -> str:
+    """What the database keeps of a token: whoever reads it can't take a session over."""
+    return hashlib.sha256(token.encode()).hexdigest()
+
+
+def add_token(connection: sa.Connection, session: int) -> str:
+    """A new token that lets its holder write to a session."""
+    token = secrets.token_urlsafe(32)
+    connection.execute(TOKENS.insert().values(digest=token_digest(token), session=session))
+    return token
+
+
+def all_sessions(connection: sa.Connection) -> list[Session]:
+    """All sessions, in the order in which they began."""
+    rows = connection.execute(sa.select(SESSIONS).order_by(SESSIONS.c.id)).mappings()
+    return [_session(row) for row in rows]
+
+
+def session_by_number(connection: sa.Connection, number: int) -> Session | None:
+    """The session with a number, if there is one."""
+    return _first_session(connection, SESSIONS.c.id == number)
+
+
+def session_by_request(connection: sa.Connection, request: str) -> Session | None:
+    """The session that a browser's request began, if there is one."""
+    return _first_session(connection, SESSIONS.c.request == request)
+
+
+def session_by_token(connection: sa.Connection, token: str) -> Session | None:
+    """The session that a token belongs to, if there is one."""
+    number = connection.scalar(
+        sa.select(TOKENS.c.session).where(TOKENS.c.digest == token_digest(token))
+    )
+    return None if number is None else session_by_number(connection, number)
+
+
+def session_to_resume(connection: sa.Connection, arrival: Arrival) -> int | None:
+    """Number of the session that somebody who comes goes on with; None for a new participant.
+
+    Raises
+    ------
+    Refusal
+        If they have taken part before (`again`), or were away for too long (`late`).
+    """
+    same_request = connection.scalar(
+        sa.select(SESSIONS.c.id).where(SESSIONS.c.request == arrival.request)
+    )
+    if same_request is not None:
+        return int(same_request)
+    if arrival.entry not in RECRUITED or not arrival.participant:
+        return None
+    rows = connection.execute(
+        sa.select(SESSIONS.c.id, SESSIONS.c.identifiers, SESSIONS.c.state).where(
+            SESSIONS.c.participant == arrival.participant,
+            SESSIONS.c.entry == arrival.entry,
+        )
+    ).all()
+    for number, identifiers, state in rows:
+        if json.loads(identifiers) != dict(arrival.identifiers):
+            continue
+        if state == DROPPED:
+            raise Refusal("late")
+        return int(number)
+    if rows:
+        raise Refusal("again")
+    return None
+
+
+def free_place(
+    connection: sa.Connection, entry: str, groups: int, places: int | None
+) -> tuple[int, int]:
+    """Group and place for the next participant: the emptiest group's first free place.
+
+    Raises
+    ------
+    Refusal
+        If all places are taken (`full`).
+    """
+    recruited = entry in RECRUITED
+    taken: dict[int, set[int]] = defaultdict(set)
+    for group, place in connection.execute(
+        sa.select(SESSIONS.c.group_number, SESSIONS.c.place).where(
+            SESSIONS.c.entry.in_(RECRUITED if recruited else (entry,)),
+            SESSIONS.c.state.in_((OPEN, COMPLETE)),
+        )
+    ):
+        taken[group].add(place)
+    group = min(range(groups), key=lambda g: (len(taken[g]), g))
+    if recruited and places is not None and len(taken[group]) >= places:
+        raise Refusal("full")
+    return group, next(k for k in range(len(taken[group]) + 1) if k not in taken[group])
+
+
+def begin_session(
+    connection: sa.Connection,
+    arrival: Arrival,
+    schedule: Schedule,
+    *,
+    groups: int,
+    places: int | None,
+    now: float,
+) -> int:
+    """A new session in the next free place; returns its number.
+
+    Raises
+    ------
+    Refusal
+        If all places are taken (`full`).
+    """
+    group, place = free_place(connection, arrival.entry, groups, places)
+    return insert_session(connection, arrival, group, place, schedule(group, place), now)
+
+
+def insert_session(
+    connection: sa.Connection,
+    arrival: Arrival,
+    group: int,
+    place: int,
+    steps: Sequence[Step],
+    now: float,
+) -> int:
+    """A new session in a given group and place; returns its number."""
+    content = [step.model_dump(exclude_defaults=True) | {"seq": step.seq} for step in steps]
+    result = connection.execute(
+        SESSIONS.insert().values(
+            request=arrival.request,
+            participant=arrival.participant or f"{arrival.entry}-{secrets.token_hex(4)}",
+            entry=arrival.entry,
+            identifiers=json.dumps(dict(arrival.identifiers), sort_keys=True),
+            group_number=group,
+            place=place,
+            state=OPEN,
+            tab=arrival.tab,
+            code=secrets.token_hex(4).upper(),
+            plan=json.dumps(content, separators=(",", ":")),
+            started=now,
+            last_seen=now,
+        )
+    )
+    key = result.inserted_primary_key
+    assert key is not None
+    return int(key[0])
+
+
+def claim_session(connection: sa.Connection, session: int, tab: str, now: float) -> None:
+    """Give a session to a browser tab."""
+    connection.execute(
+        SESSIONS.update().where(SESSIONS.c.id == session).values(tab=tab, last_seen=now)
+    )
+
+
+def end_session(connection: sa.Connection, session: int, state: str) -> None:
+    """Say how a session ended. One that is complete stays so."""
+    connection.execute(
+        SESSIONS.update()
+        .where(SESSIONS.c.id == session, SESSIONS.c.state != COMPLETE)
+        .values(state=state)
+    )
+
+
+def drop_stale_sessions(connection: sa.Connection, largest_gap: float, now: float) -> None:
+    """Call open sessions dropped of which nothing was heard for `largest_gap` [s]."""
+    connection.execute(
+        SESSIONS.update()
+        .where(SESSIONS.c.state == OPEN, SESSIONS.c.last_seen < now - largest_gap)
+        .values(state=DROPPED)
+    )
+
+
+def _first_session(connection: sa.Connection, where: sa.ColumnElement[bool]) -> Session | None:
+    row = connection.execute(sa.select(SESSIONS).where(where)).mappings().first()
+    return None if row is None else _session(row)
+
+
+def _session(row: Mapping[Any, Any]) -> Session:
+    return Session(
+        number=row["id"],
+        participant=row["participant"],
+        entry=row["entry"],
+        identifiers=json.loads(row["identifiers"]),
+        group=row["group_number"],
+        place=row["place"],
+        state=row["state"],
+        tab=row["tab"],
+        code=row["code"],
+        steps=tuple(Step.model_construct(**step) for step in json.loads(row["plan"])),
+        started=row["started"],
+        last_seen=row["last_seen"],
+    )
