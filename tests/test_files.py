@@ -8,7 +8,7 @@ import time
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.files import check_writable, replacing, write_text
+from pourcast.files import check_writable, finished_files, replacing, write_text
 
 
 def test_a_crash_leaves_the_old_file_and_no_other(tmp_path):
@@ -70,3 +70,11 @@ def test_what_cannot_be_written_is_refused_at_once(tmp_path):
             check_writable(path)
     check_writable(tmp_path / "fine.json")
     assert os.listdir(tmp_path) == ["file"]
+
+
+def test_a_file_that_is_being_written_is_not_listed(tmp_path):
+    write_text(tmp_path / "b.json", "2")
+    with replacing(tmp_path / "a.json") as temporary:
+        temporary.write_text("1")
+        assert finished_files(tmp_path, "*.json") == [tmp_path / "b.json"]
+    assert finished_files(tmp_path, "*.json") == [tmp_path / "a.json", tmp_path / "b.json"]

@@ -57,6 +57,11 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_bytes(text.encode())
 
 
+def finished_files(folder: Path, pattern: str = "*") -> list[Path]:
+    """Files of a folder, in the order of their names, but those that are still being written."""
+    return sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
+
+
 def check_empty(folder: Path) -> None:
     """Refuse a folder that holds something already; one that isn't there will be made.
 

@@ -17,8 +17,6 @@ BLUE, ORANGE, GREEN, PURPLE, RED, GREY = (
 )  # fmt: skip
 """The palette of Okabe and Ito (2008), which colour-blind readers can tell apart."""
 
-LIQUID_COLOURS = {"water": BLUE, "honey": ORANGE}
-
 RC: Any = {
     "font.size": 8,
     "axes.titlesize": 8,

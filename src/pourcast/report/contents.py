@@ -27,6 +27,7 @@ from pourcast.study.experiments.base import (
     observer_model,
     truth_of,
 )
+from pourcast.study.folder import study_liquids
 
 POWER_OBSERVERS = (5, 10, 20, 40)
 POWER_SCENES = (12, 30, 60, 120)
@@ -101,6 +102,7 @@ class Film:
 def figures(comparison: Comparison) -> Iterator[Shown]:
     """All figures of a comparison, in the order of the page."""
     tables, experiment = comparison.tables, comparison.experiment
+    own = study_liquids(comparison.study)
 
     def drawn(name: str, section: str, figure: Figure, liquid: str = "", **more: Any) -> Shown:
         file = f"{name}_{liquid}" if liquid else name
@@ -109,12 +111,12 @@ def figures(comparison: Comparison) -> Iterator[Shown]:
     look: dict[str, Any] = {"of_people": False, "raster": True}
     yield drawn("stimuli", "stimuli", scenes.stimuli(comparison.scenes), **look)
     if comparison.individuals.against:
-        yield drawn("against_null", "people", people.against_null(comparison.individuals))
-    yield drawn("correlations", "models", models.correlations(tables["agreement"], experiment))
+        yield drawn("against_null", "people", people.against_null(comparison.individuals, own))
+    yield drawn("correlations", "models", models.correlations(tables["agreement"], experiment, own))
     for one in comparison.compared:
         short = short_liquid(one.trials.liquid)
         best = models.best_of_each_family(one)
-        yield drawn("best", "models", models.scatter(one, best), short)
+        yield drawn("best", "models", models.scatter(one, best, own), short)
         if len(one.models) > 1:
             matrix = models.differences(tables["differences"], one.trials.liquid)
             yield drawn("differences", "models", matrix, short)

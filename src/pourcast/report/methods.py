@@ -8,6 +8,7 @@ from pathlib import Path
 import pourcast
 from pourcast.comparison.agreement import short_liquid
 from pourcast.comparison.compare import Comparison
+from pourcast.files import finished_files
 from pourcast.simulation.run import engine_version
 
 LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "numba", "matplotlib")
@@ -75,8 +76,8 @@ def provenance(comparison: Comparison) -> list[tuple[str, str]]:
         (f"responses: {path.name}", f"sha256 {digest}"),
     ]
     files = [study / "study.toml", study / "scenes.json"]
-    files += sorted((study / "judgments").glob("*"))
-    grids = sorted((study / "sweep" / "grids").glob("*.toml"))
+    files += finished_files(study / "judgments")
+    grids = finished_files(study / "sweep" / "grids", "*.toml")
     files += [file for file in grids if (study / "judgments" / f"{file.stem}.parquet").exists()]
     rows += [
         (str(file.relative_to(study)), f"sha256 {_sha256(file)}")

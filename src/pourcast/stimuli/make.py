@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from pourcast.engine.batch import available_cores
 from pourcast.errors import InputError, StoreError
+from pourcast.files import finished_files
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.stimuli.manifest import (
@@ -142,7 +143,7 @@ def _forget_work(folder: Path) -> None:
 def _gathered(stimuli: StimulusSet) -> StimulusSet:
     """Put finished stimuli into the list that a worker left beside it."""
     there = {(one.scene, one.liquid): one for one in stimuli.manifest.stimuli}
-    entries = sorted((stimuli.folder / WORK).glob("*.json"))
+    entries = finished_files(stimuli.folder / WORK, "*.json")
     if not entries:
         return stimuli
     for path in entries:

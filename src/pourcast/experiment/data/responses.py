@@ -7,6 +7,7 @@ import pandas as pd
 
 from pourcast.errors import InputError
 from pourcast.extras import require_extra
+from pourcast.files import finished_files
 from pourcast.scenes.scene import Scene
 from pourcast.study.folder import DATABASE
 from pourcast.study.responses import TEST, check_responses, read_responses
@@ -51,7 +52,7 @@ def find_responses(study: Path) -> Path:
         If there are none, or more than one.
     """
     sources = sorted(
-        path for path in (study / RESPONSES).glob("*") if path.suffix in (".csv", ".parquet")
+        path for path in finished_files(study / RESPONSES) if path.suffix in (".csv", ".parquet")
     )
     if (study / DATABASE).is_file() and (not sources or len(_collected(study / DATABASE))):
         sources.insert(0, study / DATABASE)

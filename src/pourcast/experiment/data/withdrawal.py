@@ -9,6 +9,7 @@ from pourcast.experiment.design.links import PERSONAL
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.sessions import Session
 from pourcast.experiment.storage.storage import Storage
+from pourcast.files import finished_files
 from pourcast.tables import write_table
 
 
@@ -44,7 +45,7 @@ def withdraw(study: Path, storage: Storage, journal: Journal, who: str) -> list[
     # The database last: it tells who they are, should this be interrupted and begun again.
     lines = journal.remove(lambda line: line["session"] in numbers)
     deleted = [f"{journal.path.name}: {lines} lines"]
-    for path in sorted((study / "responses").glob("*")):
+    for path in finished_files(study / "responses"):
         removed = _remove_from_table(path, codes)
         if removed:
             deleted.append(f"{path.relative_to(study)}: {removed} rows")

@@ -8,7 +8,8 @@ import numpy as np
 
 from pourcast.files import replacing
 from pourcast.networks.network import Card, HeldOut
-from pourcast.pictures.style import GREY, LIQUID_COLOURS, PAGE, RC, new_figure
+from pourcast.pictures.style import GREY, PAGE, RC, new_figure
+from pourcast.scenes.liquids.registry import colour_of
 
 
 def draw_card(path: Path, card: Card) -> None:
@@ -26,7 +27,7 @@ def draw_card(path: Path, card: Card) -> None:
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         _draw_learning(left, card)
         if card.held_out is not None:
-            _draw_held_out(right, card.held_out, LIQUID_COLOURS[card.liquid])
+            _draw_held_out(right, card.held_out, colour_of(card.liquid))
         first = card.first_weights.partition(",")[0].partition(" (")[0]
         first = "random weights" if first == "random" else first
         figure.suptitle(
@@ -40,7 +41,7 @@ def draw_card(path: Path, card: Card) -> None:
 
 def _draw_learning(axes: Any, card: Card) -> None:
     passes = np.arange(1, len(card.epochs) + 1)
-    colour = LIQUID_COLOURS[card.liquid]
+    colour = colour_of(card.liquid)
     rmse = np.sqrt([epoch.loss for epoch in card.epochs])
     axes.plot(passes, rmse, ".-", color=GREY, linewidth=1, label="training")
     axes.plot(

@@ -10,7 +10,9 @@ from matplotlib.figure import Figure
 
 from pourcast.comparison.agreement import Compared, short_liquid
 from pourcast.models.registry import family_of, name_of
-from pourcast.pictures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
+from pourcast.pictures.style import COLUMN, GREY, PAGE, RC, new_figure
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import colour_of
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.study.experiments.base import Experiment, published_with_people
 
@@ -19,7 +21,11 @@ def _panels(figure: Figure, count: int, **options: Any) -> list[Any]:
     return list(figure.subplots(1, count, squeeze=False, **options)[0])
 
 
-def correlations(agreement: pd.DataFrame, experiment: Experiment | None = None) -> Figure:
+def correlations(
+    agreement: pd.DataFrame,
+    experiment: Experiment | None = None,
+    own: Sequence[Liquid] = (),
+) -> Figure:
     """Correlation of each model with people, water and honey side by side, published values too.
 
     Parameters
@@ -28,6 +34,8 @@ def correlations(agreement: pd.DataFrame, experiment: Experiment | None = None) 
         Table of `analysis.agreement.agreement_table`, of one or more liquids.
     experiment
         What it is of; its published correlations are shown as diamonds.
+    own
+        The study's own liquids.
     """
     liquids = list(dict.fromkeys(agreement["liquid"]))
     models = list(dict.fromkeys(agreement["model"]))
@@ -36,7 +44,7 @@ def correlations(agreement: pd.DataFrame, experiment: Experiment | None = None) 
         for axes, liquid in zip(_panels(figure, len(liquids), sharey=True), liquids, strict=True):
             rows = agreement[agreement["liquid"] == liquid].set_index("model").loc[models]
             short, places = short_liquid(liquid), np.arange(len(models))
-            axes.barh(places, rows["r"], color=LIQUID_COLOURS[short], height=0.7, alpha=0.85)
+            axes.barh(places, rows["r"], color=colour_of(short, own), height=0.7, alpha=0.85)
             axes.hlines(places, rows["r_low"], rows["r_high"], color="black", linewidth=1)
             known = published_with_people(experiment, short)
             marked = [(known[m].r, k) for k, m in enumerate(models) if m in known]
@@ -59,7 +67,7 @@ def _resampled_words(resampled: str) -> str:
     return "participants and scenes" if resampled == "both" else resampled
 
 
-def scatter(compared: Compared, models: Sequence[str]) -> Figure:
+def scatter(compared: Compared, models: Sequence[str], own: Sequence[Liquid] = ()) -> Figure:
     """People's mean judgments against some models', a panel a model.
 
     Parameters
@@ -68,6 +76,8 @@ def scatter(compared: Compared, models: Sequence[str]) -> Figure:
         People and models.
     models
         Which models, best first.
+    own
+        The study's own liquids.
     """
     people = mean_judgments(compared.trials.responses)
     with mpl.rc_context(RC):
@@ -77,7 +87,7 @@ def scatter(compared: Compared, models: Sequence[str]) -> Figure:
             judgments = compared.models[model]
             axes.plot([0, 1], [0, 1], color=GREY, linewidth=0.7, linestyle=":")
             axes.plot(
-                judgments, people, "o", markersize=3, alpha=0.7, color=LIQUID_COLOURS[short],
+                judgments, people, "o", markersize=3, alpha=0.7, color=colour_of(short, own),
                 markeredgewidth=0,
             )  # fmt: skip
             r = float(pearson(people, judgments[None])[0])

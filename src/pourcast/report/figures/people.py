@@ -1,20 +1,26 @@
 """Figures of the participants."""
 
+from collections.abc import Sequence
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from pourcast.comparison.agreement import Individuals, short_liquid
-from pourcast.pictures.style import COLUMN, GREY, LIQUID_COLOURS, PAGE, RC, new_figure
+from pourcast.pictures.style import COLUMN, GREY, PAGE, RC, new_figure
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import colour_of
 
 
-def against_null(individuals: Individuals) -> Figure:
+def against_null(individuals: Individuals, own: Sequence[Liquid] = ()) -> Figure:
     """Participants' correlations with the truth, beside those of chance.
 
     Parameters
     ----------
     individuals
         From `analysis.agreement.individuals`; at least one liquid.
+    own
+        The study's own liquids.
     """
     liquids = list(individuals.against)
     with mpl.rc_context(RC):
@@ -26,7 +32,7 @@ def against_null(individuals: Individuals) -> Figure:
             observed = found.observed[np.isfinite(found.observed)]
             for values, colour, label in (
                 (found.null, GREY, "chance (beta)"),
-                (observed, LIQUID_COLOURS[short], f"{len(observed)} participants"),
+                (observed, colour_of(short, own), f"{len(observed)} participants"),
             ):
                 weights = np.full(len(values), 1.0 / len(values))
                 axes.hist(values, edges, weights=weights, alpha=0.65, color=colour, label=label)

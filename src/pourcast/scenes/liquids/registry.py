@@ -70,6 +70,9 @@ LIQUIDS = _Liquids("liquid", _PACKAGE, "LIQUID", "pourcast.liquids", _checked)
 """All liquids but studies' own."""
 
 
+_UNKNOWN_COLOUR = "#666666"
+
+
 @cache
 def _named(name: str) -> Liquid:
     return LIQUIDS.get(name)
@@ -106,6 +109,20 @@ def called(name: str) -> str:
     ('honey', 'my-syrup')
     """
     return next((known.called for known in known_liquids() if known.name == name), name)
+
+
+def colour_of(name: str, own: Sequence[Liquid] = ()) -> str:
+    """Colour of a liquid in figures, ``#rrggbb``, by its name or what it is called.
+
+    Examples
+    --------
+    >>> colour_of("honey") == colour_of("honey-exp2") == HONEY_EXP2.colour
+    True
+    """
+    return next(
+        (known.colour for known in known_liquids(own) if name in (known.name, known.called)),
+        _UNKNOWN_COLOUR,
+    )
 
 
 def liquid_names(own: Sequence[Liquid] = ()) -> list[str]:
