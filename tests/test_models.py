@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.models.base import Model, SimulationModel
+from pourcast.models.base import Model, SimulationModel, checked_judgments
 from pourcast.models.registry import (
     MODELS,
     complete_presets,
@@ -19,6 +19,7 @@ from pourcast.models.registry import (
     parameter_table,
     presets,
 )
+from pourcast.pictures.demo import demo_scenes
 from pourcast.registry import Registry
 from pourcast.scenes.goals.cup import Cup
 from pourcast.scenes.liquids.registry import (
@@ -252,3 +253,25 @@ def test_a_third_party_package_registers_a_model(tmp_path):
 def test_models_are_models():
     for name in MODELS.names():
         assert issubclass(MODELS.get(name), Model)
+
+
+@pytest.mark.parametrize(
+    ("said", "complaint"),
+    [
+        (
+            lambda scenes: np.full(len(scenes), np.nan),
+            "scene 'basins': expected a judgment from 0 ",
+        ),
+        (lambda scenes: np.array([0.5, 1.01]), "scene 'cup': expected .* found 1.01"),
+        (lambda scenes: np.array([-0.1, 0.5]), "scene 'basins': expected .* found -0.1"),
+        (lambda scenes: np.zeros(1), r"one judgment for each of 2 scenes.* shape \[1\]"),
+        (lambda scenes: np.zeros((2, 1)), r"one judgment for each of 2 scenes"),
+    ],
+)
+def test_what_is_no_judgment_is_not_returned(said, complaint):
+    scenes = [
+        scene.model_copy(update={"id": scene.goal.kind})
+        for scene in sorted(demo_scenes(), key=lambda scene: scene.goal.kind)
+    ]
+    with pytest.raises(InputError, match=f"model 'odd': .*{complaint}"):
+        checked_judgments(said(scenes), "odd", scenes)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError, unknown
-from pourcast.progress import Progress
+from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
@@ -78,7 +78,7 @@ class Model(ABC):
         liquid: Liquid,
         seed: int = 0,
         *,
-        progress: Progress | None = None,
+        progress: Progress = no_progress,
     ) -> NDArray[np.float64]:
         """Judge scenes.
 
@@ -118,6 +118,45 @@ class Model(ABC):
     def remark(self) -> str:
         """What a reader of its judgments should know of how it came about; half a sentence."""
         return ""
+
+
+def checked_judgments(
+    judgments: NDArray[np.float64], model: str, scenes: Sequence[Scene]
+) -> NDArray[np.float64]:
+    """Judgments that can be trusted to be some.
+
+    Parameters
+    ----------
+    judgments
+        What a model said, one for each scene.
+    model
+        Its spec, for error messages.
+    scenes
+        The scenes.
+
+    Returns
+    -------
+    ndarray
+        The same, shape [scene_count].
+
+    Raises
+    ------
+    InputError
+        If there is not one for each scene, or one is no number from 0 to 1.
+    """
+    values = np.asarray(judgments, dtype=np.float64)
+    if values.shape != (len(scenes),):
+        raise InputError(
+            f"model {model!r}: expected one judgment for each of {len(scenes)} scenes, found an "
+            f"array of shape {list(values.shape)}"
+        )
+    wrong = np.flatnonzero(~((values >= 0.0) & (values <= 1.0)))
+    if len(wrong):
+        raise InputError(
+            f"model {model!r}: scene {scenes[wrong[0]].id!r}: expected a judgment from 0 to 1, "
+            f"found {values[wrong[0]]:g}"
+        )
+    return values
 
 
 def _check(owner: str, name: str, value: Any, rules: typing.Mapping[str, Any]) -> None:
@@ -192,7 +231,7 @@ class SimulationModel(Model):
         liquid: Liquid,
         seed: int = 0,
         *,
-        progress: Progress | None = None,
+        progress: Progress = no_progress,
     ) -> NDArray[np.float64]:
         """Judge scenes: the mean over `pours`. See `Model.judge`."""
         groups = [self.pours(scene, liquid, seed) for scene in scenes]

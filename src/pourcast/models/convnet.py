@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pourcast.errors import InputError
 from pourcast.models.base import Model, parameter
 from pourcast.networks.network import Network, in_words, read_card, read_network
-from pourcast.progress import Progress
+from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 
@@ -61,7 +61,7 @@ class ConvNet(Model):
         liquid: Liquid,
         seed: int = 0,
         *,
-        progress: Progress | None = None,
+        progress: Progress = no_progress,
     ) -> NDArray[np.float64]:
         """Judge scenes by their pictures. See `Model.judge`."""
         return _network(self.weights, self.fingerprint).judge(scenes, progress)

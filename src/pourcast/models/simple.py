@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pourcast.engine.compile import allocating_kernel, kernel
 from pourcast.engine.solids import pack_solids
 from pourcast.models.base import Model, parameter
-from pourcast.progress import Progress
+from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 
@@ -55,15 +55,14 @@ class SimpleSim(Model):
         liquid: Liquid,
         seed: int = 0,
         *,
-        progress: Progress | None = None,
+        progress: Progress = no_progress,
     ) -> NDArray[np.float64]:
         """Judge scenes; a scene's draws depend on the seed and on the scene alone."""
         judgments = []
         for done, scene in enumerate(scenes, start=1):
             ends = [path[-1] for m in self._window() for path in self.paths(scene, seed, m=m)]
             judgments.append(np.mean([scene.goal.holds(x, y) for x, y in ends]))
-            if progress is not None:
-                progress(done, len(scenes))
+            progress(done, len(scenes))
         return np.array(judgments)
 
     def paths(

@@ -1,7 +1,7 @@
 """A trained network: it judges scenes, and is kept as weights with a card beside them."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from pourcast.files import replacing, write_text
 from pourcast.frozen import Frozen
 from pourcast.networks.backbones import make_backbone, torch_module
 from pourcast.networks.picture import MIRRORED, STRAIGHT, Pictures, paint
+from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.registry import liquid_names
 from pourcast.scenes.scene import Scene
 
@@ -212,7 +213,7 @@ class Network:
     card: Card
 
     def judge(
-        self, scenes: Sequence[Scene], progress: Callable[[int, int], None] | None = None
+        self, scenes: Sequence[Scene], progress: Progress = no_progress
     ) -> NDArray[np.float64]:
         """Judge scenes: the mean of what the network says of the picture and its mirror image.
 
@@ -234,7 +235,7 @@ class Network:
         return judged(self.pairs(scenes, progress))
 
     def pairs(
-        self, scenes: Sequence[Scene], progress: Callable[[int, int], None] | None = None
+        self, scenes: Sequence[Scene], progress: Progress = no_progress
     ) -> NDArray[np.float64]:
         """What the network says of pictures and of mirror images; see `judge` and `both`.
 
@@ -249,8 +250,7 @@ class Network:
         with _one_thread(), ThreadPoolExecutor(available_cores(), initializer=alone) as pool:
             for k, said in enumerate(pool.map(self.both, scenes)):
                 pairs[k] = said
-                if progress is not None:
-                    progress(k + 1, len(scenes))
+                progress(k + 1, len(scenes))
         return pairs
 
     def both(self, scene: Scene) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from pourcast.networks.backbones import layers_of, torch_module
 from pourcast.networks.network import Epoch, Recipe, outputs, tensor_of
 from pourcast.networks.picture import STRAIGHT, Pictures, View, paint
 from pourcast.networks.training.checkpoint import load_checkpoint, save_checkpoint
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.correlation import pearson
 
@@ -166,7 +166,7 @@ def train(
     examples: Examples,
     validation: Examples,
     training: Training,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> list[Epoch]:
     """Train a network; it ends with those weights that did best on the validation scenes.
 
@@ -201,7 +201,7 @@ class _Learner:
         examples: Examples,
         validation: Examples,
         training: Training,
-        report: Report | None,
+        report: Report,
     ) -> None:
         self._torch = torch_module()
         self._model = model.to(training.device, memory_format=self._torch.channels_last)
@@ -330,8 +330,6 @@ class _Learner:
         self._kept = time.monotonic()
 
     def _tell(self, stage: Stage, number: int, step: int, losses: list[float]) -> None:
-        if self._report is None:
-            return
         before = sum(s.passes for s in self._stages[: stage.number - 1])
         words = f"{self._training.name}: stage {stage.number} of {len(self._stages)}"
         if losses:
