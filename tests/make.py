@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 from pourcast.engine import sph
 from pourcast.engine.batch import Job, Result, Stepping, fill_lane, run_batch
-from pourcast.engine.kernel import GRADIENT_FACTOR
+from pourcast.engine.smoothing import GRADIENT_FACTOR
 from pourcast.engine.solids import Solids, pack_solids
 from pourcast.engine.state import Lanes, State, empty_lanes, empty_state
 from pourcast.scenes.families.shapes import ShapesFamily

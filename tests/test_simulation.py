@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pourcast.engine.batch import SimulationDivergedError, available_cores, run_batch
+from pourcast.engine.batch import available_cores, run_batch
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
-from pourcast.errors import InputError
+from pourcast.errors import InputError, SimulationDivergedError
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.simulation.pour import Pour

@@ -37,6 +37,24 @@ class TrainingError(RuntimeError):
     """
 
 
+class SimulationDivergedError(RuntimeError):
+    """A simulation broke: what it says can't be trusted.
+
+    The message is one line. The command line prints it and exits with status 1.
+
+    Parameters
+    ----------
+    message
+        What is wrong.
+    number
+        Which simulation of those that were run together it is, from 0.
+    """
+
+    def __init__(self, message: str, *, number: int = 0) -> None:
+        super().__init__(message)
+        self.number = number
+
+
 def unknown(name: str, known: Iterable[str]) -> str:
     """Half a sentence about a name that is not known: the nearest one, and all of them.
 

@@ -11,8 +11,8 @@ from pourcast.engine.batch import _cells_of
 from pourcast.scenes.goals.basins import Basins
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.scenes.scene import Box, LiquidStart, Scene
-from pourcast.simulation.pour import Pour, _job, _solids_of
-from pourcast.simulation.run import simulate
+from pourcast.simulation.pour import Pour
+from pourcast.simulation.run import _job, _solids_of, simulate
 from pourcast.simulation.settings import EngineSettings
 from tests.make import energy_of, loaded_block, ramp_scene, random_scenes
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.spatial import KDTree
 
-from pourcast.engine import kernel, neighbours, sph
+from pourcast.engine import density, momentum, neighbours, smoothing
 from pourcast.engine.batch import Job, Stepping, fill_lane, run_batch
 from pourcast.engine.state import empty_lanes, empty_state
 from tests.make import (
@@ -32,17 +32,19 @@ def cloud(count: int, seed: int, **changes: object) -> Job:
 
 def test_kernel_is_normalised_and_its_gradient_is_its_derivative():
     # Integral of W over space = 1 for H = 1; dW/dr against finite differences.
-    weight = lambda r: float(kernel.shape(1.0 - r))  # noqa: E731
+    weight = lambda r: float(smoothing.weight(1.0 - r))  # noqa: E731
     total = quad(lambda r: 4 * np.pi * r**2 * weight(r), 0, 1)[0]
-    assert kernel.NORMALISATION * total == pytest.approx(1.0, rel=1e-9)
+    assert smoothing.NORMALISATION * total == pytest.approx(1.0, rel=1e-9)
     for r in (0.1, 0.4, 0.8):
         derivative = (weight(r + 1e-6) - weight(r - 1e-6)) / 2e-6
-        assert -kernel.GRADIENT_FACTOR * r * kernel.slope(1.0 - r) == pytest.approx(
+        assert -smoothing.GRADIENT_FACTOR * r * smoothing.gradient(1.0 - r) == pytest.approx(
             derivative, rel=1e-6
         )
     # First moment of the gradient: integral of x dW/dx = -1.
-    moment = quad(lambda r: 4 / 3 * np.pi * r**4 * kernel.slope(1.0 - r), 0, 1)[0]
-    assert kernel.NORMALISATION * kernel.GRADIENT_FACTOR * moment == pytest.approx(1.0, rel=1e-9)
+    moment = quad(lambda r: 4 / 3 * np.pi * r**4 * smoothing.gradient(1.0 - r), 0, 1)[0]
+    assert smoothing.NORMALISATION * smoothing.GRADIENT_FACTOR * moment == pytest.approx(
+        1.0, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("count", [2, 17, 60])
@@ -71,9 +73,10 @@ def test_neighbour_list_agrees_with_all_pairs():
     position[:, :90], velocity[:, :90] = one.position.T, one.velocity.T
     fill_lane(lanes, slice(None), one, 1e-4)
     pairs = neighbours.list_pairs(position, 90, 1.2 * one.support_radius)
-    sph.start_density(state, lanes)
+    density.start_density(state, lanes)
     neighbours.add_listed_density(state, lanes, pairs)
-    sph.finish_density(state, lanes)
+    density.divide_by_rest_density(state, lanes)
+    momentum.start_forces(state, lanes)
     neighbours.add_listed_forces(state, lanes, pairs)
     assert state.density.reshape(-1)[:90] == pytest.approx(densities, rel=2e-6)
     listed = state.acceleration.reshape(3, -1)[:, :90].T

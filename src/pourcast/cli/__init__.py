@@ -23,7 +23,13 @@ from pourcast.cli import (
 )
 from pourcast.cli.app import app
 from pourcast.cli.terminal import InterruptedWorkError
-from pourcast.errors import ClusterError, InputError, StoreError, TrainingError
+from pourcast.errors import (
+    ClusterError,
+    InputError,
+    SimulationDivergedError,
+    StoreError,
+    TrainingError,
+)
 
 __all__ = [
     "compare",
@@ -71,7 +77,7 @@ def _verdict(error: BaseException) -> tuple[str, int]:
         return error.format_message(), 2
     if isinstance(error, InterruptedWorkError | KeyboardInterrupt | typer.Abort):
         return str(error) or "interrupted", INTERRUPTED
-    if isinstance(error, StoreError | ClusterError | TrainingError):
+    if isinstance(error, StoreError | ClusterError | TrainingError | SimulationDivergedError):
         return str(error), 1
     if os.environ.get("POURCAST_TRACEBACK"):
         raise error

@@ -6,6 +6,7 @@ are never idle for long. Lanes don't influence one another: a simulation's
 result has the same bits alone, in any batch and on any number of threads.
 """
 
+import math
 import os
 import threading
 from collections import deque
@@ -20,10 +21,22 @@ from numpy.typing import NDArray
 
 from pourcast.engine import neighbours, rigid, sph
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN
-from pourcast.engine.kernel import GRADIENT_FACTOR
+from pourcast.engine.diagnostics import (
+    GAINS_ENERGY,
+    NOT_FINITE,
+    OUTSIDE,
+    SOUND,
+    Diagnostics,
+    allowed_gain,
+    empty_diagnostics,
+    measure,
+    measure_and_check,
+)
 from pourcast.engine.simd import LANES, flush_denormals
+from pourcast.engine.smoothing import GRADIENT_FACTOR
 from pourcast.engine.solids import Cells, Solids, build_cells, join_cells
 from pourcast.engine.state import Lanes, State, empty_lanes, empty_state
+from pourcast.errors import InputError, SimulationDivergedError
 
 REST_SPEED = 0.02
 """A simulation rests when no particle is faster than this [m/s] ..."""
@@ -34,10 +47,6 @@ REST_FRAMES = 6
 HEAD_MARGIN = 0.9
 """It also ends when the outcome is decided: for REST_FRAMES frames in a row no
 particle's head reaches this share of the height of the rim."""
-
-
-class SimulationDivergedError(RuntimeError):
-    """A simulation left the range of finite numbers."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +83,28 @@ class Job:
     velocity: NDArray[np.float32] | None = None
     """Starting velocities [m/s], shape [count, 3]; at rest by default."""
 
+    def __post_init__(self) -> None:
+        for name in _POSITIVE:
+            _check("job", name, getattr(self, name), "more than 0", getattr(self, name) > 0.0)
+        for name in _NOT_NEGATIVE:
+            _check("job", name, getattr(self, name), "at least 0", getattr(self, name) >= 0.0)
+        if not (self.ceiling > 0.0):
+            raise InputError(f"job: ceiling: expected more than 0, found {self.ceiling}")
+
+
+_POSITIVE = (
+    "width", "height", "depth", "radius", "support_radius", "reference_density", "sound_speed",
+    "duration",
+)  # fmt: skip
+_NOT_NEGATIVE = (
+    "viscosity_alpha", "damping", "gravity", "adhesion_normal", "adhesion_tangential",
+)  # fmt: skip
+
+
+def _check(owner: str, field: str, value: float, expected: str, right: bool) -> None:
+    if not (right and math.isfinite(value)):
+        raise InputError(f"{owner}: {field}: expected {expected}, found {value}")
+
 
 @dataclass
 class Result:
@@ -99,6 +130,11 @@ class Stepping:
 
     step: float
     steps_per_frame: int
+
+    def __post_init__(self) -> None:
+        _check("stepping", "step", self.step, "more than 0 s", self.step > 0.0)
+        count = self.steps_per_frame
+        _check("stepping", "steps_per_frame", count, "at least 1", count >= 1)
 
     @property
     def frame(self) -> float:
@@ -129,6 +165,7 @@ class _Block:
     """Head [m] below which each lane's outcome is decided."""
     frames_done: NDArray[np.int64] = field(default_factory=_lane_counts)
     still_frames: NDArray[np.int64] = field(default_factory=_lane_counts)
+    diagnostics: Diagnostics = field(default_factory=empty_diagnostics)
     recorded: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict)
 
 
@@ -193,7 +230,7 @@ def run_batch(
     Raises
     ------
     SimulationDivergedError
-        If a simulation's speeds are no longer finite.
+        If a simulation breaks (`diagnostics`); its `number` is the job's index.
     """
     if not jobs:
         return []
@@ -207,9 +244,11 @@ def run_batch(
     def work(cells: Cells) -> None:
         block = _new_block(len(jobs[0].position), large=large)
         while not stop.is_set():
-            _take_jobs(block, queue, jobs, stepping.step, width, record=record, large=large)
+            fresh = _take_jobs(block, queue, jobs, stepping.step, width, record=record, large=large)
             if not block.jobs:
                 return
+            if fresh:
+                _measure_start(block, [(k, jobs[block.jobs[k]]) for k in fresh], kind, large=large)
             _advance(block, solids, cells, stepping, kind=kind, large=large)
             for index, result in _finished(block, stepping, large=large):
                 results[index] = result
@@ -264,15 +303,16 @@ def _take_jobs(
     *,
     record: bool,
     large: bool,
-) -> None:
-    """Fill empty lanes from the queue."""
+) -> list[int]:
+    """Fill empty lanes from the queue; returns which."""
+    fresh: list[int] = []
     for lane in range(width):
         if lane in block.jobs:
             continue
         try:
             index = queue.popleft()
         except IndexError:
-            return
+            break
         job = jobs[index]
         _place(block, lane, job, large=large)
         fill_lane(block.lanes, slice(None) if large else lane, job, step)
@@ -281,6 +321,27 @@ def _take_jobs(
         block.duration[lane], block.decided_below[lane] = job.duration, HEAD_MARGIN * job.rim
         if record:
             block.recorded[lane] = [job.position.copy()]
+        fresh.append(lane)
+    return fresh
+
+
+def _measure_start(
+    block: _Block, fresh: Sequence[tuple[int, Job]], kind: str, *, large: bool
+) -> None:
+    """Measure the energy at the start of the jobs in some lanes."""
+    if kind == "liquid" and large:
+        neighbours.find_density(block.state, block.lanes, block.count)
+    elif kind == "liquid":
+        sph.find_density(block.state, block.lanes)
+    found = block.diagnostics
+    measure(block.state, block.lanes, 0.0, block.count, large, found)
+    for lane, job in fresh:
+        energy, lanes = float(found.energy[lane]), slice(None) if large else lane
+        found.least_energy[lanes] = energy
+        found.allowed_gain[lanes] = allowed_gain(
+            energy, block.count, job.gravity, job.radius, job.sound_speed
+        )
+        block.state.squared_top_speed[lanes] = 0.0
 
 
 def _place(block: _Block, lane: int, job: Job, *, large: bool) -> None:
@@ -315,31 +376,53 @@ def _advance(
 
 def _finished(block: _Block, stepping: Stepping, *, large: bool) -> list[tuple[int, Result]]:
     """Count the frame, record it, and empty the lanes whose simulation is over."""
-    squared_speed, head = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
-    sph.measure(block.state, block.lanes, squared_speed, head)
-    speed = np.sqrt(squared_speed)
-    if large:
-        speed[:], head[:] = speed.max(), head.max()
+    found = block.diagnostics
+    sound = measure_and_check(block.state, block.lanes, stepping.step, block.count, large, found)
+    block.frames_done += 1
+    if not sound:
+        raise _diverged(block, stepping)
     for lane in block.recorded:
         frame = _particles(block.state.position, block.count, lane, large=large)
         block.recorded[lane].append(frame)
-    block.frames_done += 1
-    still = (speed < REST_SPEED) | (head < block.decided_below)
+    still = (np.sqrt(found.squared_speed) < REST_SPEED) | (found.head < block.decided_below)
     block.still_frames = np.where(still, block.still_frames + 1, 0)
     settled = block.still_frames >= REST_FRAMES
     time = block.frames_done * stepping.frame
-    over = settled | (time >= block.duration - 1e-9) | ~np.isfinite(speed)
+    over = settled | (time >= block.duration - 1e-9)
     done = []
     for lane, index in list(block.jobs.items()):
-        if not over[lane]:
-            continue
-        if not np.isfinite(speed[lane]):
-            raise SimulationDivergedError(
-                f"simulation {index} diverged: the time step {stepping.step:g} s is too long"
+        if over[lane]:
+            end = _take_out(
+                block, lane, float(time[lane]), settled=bool(settled[lane]), large=large
             )
-        result = _take_out(block, lane, float(time[lane]), settled=bool(settled[lane]), large=large)
-        done.append((index, result))
+            done.append((index, end))
     return done
+
+
+def _diverged(block: _Block, stepping: Stepping) -> SimulationDivergedError:
+    """What is wrong with the first broken simulation of a block."""
+    found = block.diagnostics
+    lane = int(np.flatnonzero(found.verdict != SOUND)[0])
+    verdict, step = found.verdict[lane], f"{stepping.step:g} s"
+    if verdict == NOT_FINITE:
+        fault = "a speed is no finite number"
+    elif verdict == OUTSIDE:
+        fault = f"{found.outside[lane]:g} of {block.count} particles are not inside the box"
+    elif verdict == GAINS_ENERGY:
+        fault = (
+            f"the liquid has gained {found.energy[lane] - found.least_energy[lane]:.3g} J/kg of "
+            f"energy, where errors explain {found.allowed_gain[lane]:.3g} J/kg"
+        )
+    else:
+        fault = (
+            f"a particle has moved by more than its radius, {block.lanes.radius[lane]:.3g} m, in "
+            f"one step"
+        )
+    return SimulationDivergedError(
+        f"diverged after {block.frames_done[lane] * stepping.frame:.3g} s of its time: {fault}; "
+        f"the time step {step} is too long, or a particle wider than the box",
+        number=block.jobs.get(lane, next(iter(block.jobs.values()))),
+    )
 
 
 def _take_out(block: _Block, lane: int, time: float, *, settled: bool, large: bool) -> Result:

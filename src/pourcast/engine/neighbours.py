@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from pourcast.engine.compile import allocating_kernel, kernel
 from pourcast.engine.contact import collide_with_box, collide_with_polygons
-from pourcast.engine.kernel import shape
+from pourcast.engine.density import divide_by_rest_density, start_density
+from pourcast.engine.integrator import integrate
+from pourcast.engine.momentum import pair_push, start_forces
 from pourcast.engine.simd import (
     LANES,
     append_less,
@@ -27,7 +29,7 @@ from pourcast.engine.simd import (
     splat,
     sum_lanes,
 )
-from pourcast.engine.sph import finish_density, integrate, one_minus_q, pair_push, start_density
+from pourcast.engine.smoothing import one_minus_q_of, weight
 
 ALL_PAIRS_LIMIT = 300
 """Above this number of particles the neighbour list takes over. There, one simulation by
@@ -196,7 +198,7 @@ def add_listed_density(state: Any, lanes: Any, pairs: Any) -> None:
                 zi - gather(z, pairs.partner, first),
             )
             r2 = dx * dx + dy * dy + dz * dz
-            share = first_lanes(shape(one_minus_q(r2, inverse_support, zero)), count)
+            share = first_lanes(weight(one_minus_q_of(r2, inverse_support, zero)), count)
             total = total + share
             scatter(
                 density, pairs.partner, first, count, gather(density, pairs.partner, first) + share
@@ -206,6 +208,16 @@ def add_listed_density(state: Any, lanes: Any, pairs: Any) -> None:
             )
         density[i] += sum_lanes(total)
         pairs.near_start[k + 1] = found
+
+
+@allocating_kernel
+def find_density(state: Any, lanes: Any, count: int) -> None:
+    """Density of one simulation of many particles, over that at rest."""
+    position = state.position.reshape(3, state.density.size)
+    pairs = list_pairs(position, count, 1.0 / lanes.inverse_support[0])
+    start_density(state, lanes)
+    add_listed_density(state, lanes, pairs)
+    divide_by_rest_density(state, lanes)
 
 
 @kernel
@@ -334,7 +346,8 @@ def advance_one(
             listed[:] = position[:, :count]
         start_density(state, lanes)
         add_listed_density(state, lanes, pairs)
-        finish_density(state, lanes)
+        divide_by_rest_density(state, lanes)
+        start_forces(state, lanes)
         add_listed_forces(state, lanes, pairs)
         integrate(state, lanes, step)
         collide_with_box(state, lanes)

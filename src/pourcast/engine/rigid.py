@@ -11,6 +11,7 @@ from typing import Any
 
 from pourcast.engine.compile import kernel
 from pourcast.engine.contact import collide_with_box, collide_with_polygons
+from pourcast.engine.integrator import integrate
 from pourcast.engine.simd import (
     any_less,
     load,
@@ -21,7 +22,6 @@ from pourcast.engine.simd import (
     store,
     where_less,
 )
-from pourcast.engine.sph import integrate
 
 PASSES = 4
 

@@ -35,6 +35,9 @@ class State(NamedTuple):
     """Density over rest density, shape [row_count, 16]."""
     pressure: Floats
     """(density - 1) / density^2, at least 0: pressure over c^2 rho0 density^2."""
+    squared_top_speed: Floats
+    """Square of the greatest speed that a particle of each lane has had since this was last set
+    to 0, before contact [m^2/s^2], shape [16]."""
     previous: Floats
     """x and y before the last step [m], shape [2, row_count, 16]."""
     touched: Floats
@@ -92,6 +95,7 @@ def empty_state(row_count: int) -> State:
         acceleration=np.zeros((3, row_count, LANES), np.float32),
         density=np.ones((row_count, LANES), np.float32),
         pressure=np.zeros((row_count, LANES), np.float32),
+        squared_top_speed=np.zeros(LANES, np.float32),
         previous=np.zeros((2, row_count, LANES), np.float32),
         touched=np.zeros((row_count, LANES), np.float32),
         listed_at=np.zeros((2, row_count, LANES), np.float32),

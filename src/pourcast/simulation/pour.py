@@ -3,7 +3,9 @@
 This is the only place where scenes become the engine's arrays.
 """
 
+import math
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from pourcast.engine.packing import (
     spacing_of,
 )
+from pourcast.errors import InputError, unknown
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.settings import Kind
@@ -39,11 +42,16 @@ class Pour:
     n_particles
         Number of particles, 1 to 2000.
     damping_zeta
-        Damping zeta [1/s].
+        Damping zeta [1/s], at least 0.
     offset
         Displacement of the liquid's start in x and y [m].
     kind
         SPH liquid or rigid marbles.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite or out of its range.
     """
 
     scene: Scene
@@ -52,6 +60,20 @@ class Pour:
     damping_zeta: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
     kind: Kind = "liquid"
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.n_particles <= MAX_PARTICLES:
+            raise InputError(
+                f"n_particles must be from 1 to {MAX_PARTICLES}, not {self.n_particles}"
+            )
+        if not (self.damping_zeta >= 0.0 and math.isfinite(self.damping_zeta)):
+            raise InputError(
+                f"pour: damping_zeta: expected at least 0 per second, found {self.damping_zeta}"
+            )
+        if not all(math.isfinite(value) for value in self.offset):
+            raise InputError(f"pour: offset: expected two finite lengths, found {self.offset}")
+        if self.kind not in get_args(Kind):
+            raise InputError(f"pour: kind: {unknown(self.kind, get_args(Kind))}")
 
     @property
     def spacing(self) -> float:

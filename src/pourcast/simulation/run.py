@@ -3,6 +3,7 @@
 import threading
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import cache
 from pathlib import Path
 
@@ -16,10 +17,10 @@ from pourcast.engine.packing import (
     reference_density,
 )
 from pourcast.engine.solids import Solids, obstacle_distances, pack_solids
-from pourcast.errors import InputError
+from pourcast.errors import SimulationDivergedError
 from pourcast.progress import Progress
 from pourcast.scenes.scene import Scene
-from pourcast.simulation.pour import GRAVITY, MAX_PARTICLES, Outcome, Pour
+from pourcast.simulation.pour import GRAVITY, Outcome, Pour
 from pourcast.simulation.settings import EngineSettings, Kind
 
 
@@ -65,16 +66,12 @@ def simulate(
 
     Raises
     ------
-    InputError
-        If a number of particles is out of range.
+    SimulationDivergedError
+        If a pour breaks: the message names scene, liquid and settings.
     """
     settings = settings or EngineSettings()
     groups: dict[tuple[Kind, int, Stepping], list[int]] = defaultdict(list)
     for index, pour in enumerate(pours):
-        if not 1 <= pour.n_particles <= MAX_PARTICLES:
-            raise InputError(
-                f"n_particles must be from 1 to {MAX_PARTICLES}, not {pour.n_particles}"
-            )
         stepping = settings.stepping(pour.kind, pour.spacing, pour.liquid.viscosity_alpha)
         groups[pour.kind, pour.n_particles, stepping].append(index)
     done, lock = 0, threading.Lock()
@@ -91,18 +88,38 @@ def simulate(
         chosen = [pours[index] for index in members]
         solids, scene_index = _solids_of(chosen)
         jobs = [_job(p, s, settings) for p, s in zip(chosen, scene_index, strict=True)]
-        results = run_batch(
-            jobs,
-            solids,
-            stepping,
-            kind=kind,
-            record=record,
-            threads=threads,
-            on_done=count_one,
-        )
+        try:
+            results = run_batch(
+                jobs,
+                solids,
+                stepping,
+                kind=kind,
+                record=record,
+                threads=threads,
+                on_done=count_one,
+            )
+        except SimulationDivergedError as error:
+            number = members[error.number]
+            raise SimulationDivergedError(
+                f"{_name(pours[number], settings)}: {error}", number=number
+            ) from None
         for index, job, result in zip(members, jobs, results, strict=True):
             outcomes[index] = _outcome(pours[index], job, result, solids)
     return [outcomes[index] for index in range(len(pours))]
+
+
+def _name(pour: Pour, settings: EngineSettings) -> str:
+    """A pour in words: scene, liquid and settings."""
+    changed = [
+        f"{field.name}={getattr(settings, field.name):g}"
+        for field in fields(settings)
+        if getattr(settings, field.name) != field.default
+    ]
+    return (
+        f"scene {pour.scene.id!r}, {pour.n_particles} particles of {pour.liquid.name!r} "
+        f"({pour.kind}, damping {pour.damping_zeta:g}/s, engine settings "
+        f"{', '.join(changed) or 'as they come'})"
+    )
 
 
 def _solids_of(pours: Sequence[Pour]) -> tuple[Solids, list[int]]:

@@ -1,6 +1,7 @@
 """How pours are computed."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
@@ -9,9 +10,20 @@ from pourcast.engine.batch import Stepping
 from pourcast.engine.packing import (
     SUPPORT_IN_SPACINGS,
 )
+from pourcast.errors import InputError
 
 Kind = Literal["liquid", "marbles"]
 """SPH liquid, or rigid spheres."""
+
+_RANGES: dict[str, tuple[float, float]] = {
+    "step": (1e-6, 0.1),
+    "marble_step": (1e-6, 0.005),
+    "sound_speed": (1.0, math.inf),
+    "support_in_spacings": (1.2, 4.0),
+    "courant": (1e-3, math.inf),
+    "frame_rate": (1.0, 10_000.0),
+    "max_duration": (1e-3, 3600.0),
+}
 
 
 @dataclass(frozen=True)
@@ -21,24 +33,31 @@ class EngineSettings:
     Parameters
     ----------
     step
-        Longest time step [s]. It is shortened so that a whole number of steps
+        Longest time step [s], 1e-6 to 0.1. It is shortened so that a whole number of steps
         makes a frame, and by `courant`. The paper's was 0.0002; twice as long
         steps change judgments by no more than a start moved by 0.1 mm does
         (`docs/explanation/physics.md`).
     marble_step
-        The same for rigid spheres [s].
+        The same for rigid spheres [s], 1e-6 to 0.005, which no `courant` shortens.
     sound_speed
-        Artificial speed of sound c [m/s]; the fastest flow (5 m/s) should stay
+        Artificial speed of sound c [m/s], at least 1; the fastest flow (5 m/s) should stay
         well below it.
     support_in_spacings
-        Support radius of the kernel over the particle spacing.
+        Support radius of the kernel over the particle spacing, 1.2 to 4: below, neighbours
+        don't feel one another; above, the sums run over hundreds of them.
     courant
         The step stays below ``courant * h / (c (1 + 0.6 alpha))`` (Monaghan
-        1992, section 5.3), h being half the support radius.
+        1992, section 5.3), h being half the support radius. At least 0.001; far above 1,
+        pours break and raise `SimulationDivergedError`.
     frame_rate
-        Frames per simulated second: of films, and of the test for rest.
+        Frames per simulated second, 1 to 10,000: of films, and of the test for rest.
     max_duration
-        Cap on the simulated time [s].
+        Cap on the simulated time [s], 0.001 to 3600.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite or out of its range.
     """
 
     step: float = 4e-4
@@ -48,6 +67,15 @@ class EngineSettings:
     courant: float = 0.4
     frame_rate: float = 30.0
     max_duration: float = 10.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value, (low, high) = getattr(self, field.name), _RANGES[field.name]
+            if not (low <= value <= high and math.isfinite(value)):
+                expected = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+                raise InputError(
+                    f"engine settings: {field.name}: expected {expected}, found {value}"
+                )
 
     def stepping(self, kind: Kind, spacing: float, viscosity_alpha: float) -> Stepping:
         """Step and number of steps a frame for particles of a given spacing [m]."""

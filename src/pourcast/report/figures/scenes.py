@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from pourcast.engine.kernel import NORMALISATION, shape
+from pourcast.engine.smoothing import NORMALISATION, weight
 from pourcast.pictures.drawing import draw_paths, draw_scene, draw_start
 from pourcast.pictures.show import Imagined, draw_liquid, imagine
 from pourcast.pictures.style import BLUE, PAGE, RC, new_figure
@@ -45,7 +45,7 @@ def particle_engine(scene: Scene) -> Figure:
         figure = new_figure(PAGE, 2.1)
         panels = figure.subplots(1, len(specs) + 1, width_ratios=[1.25] + [1.0] * len(specs))
         distance = np.linspace(0.0, 1.0, 101)
-        values = [NORMALISATION * shape(max(0.0, 1.0 - q)) for q in distance]
+        values = [NORMALISATION * weight(max(0.0, 1.0 - q)) for q in distance]
         panels[0].plot(distance, values, color=BLUE)
         panels[0].set(xlabel="r / support radius", ylabel="kernel W", title="Wendland C2")
         for axes, spec, label in zip(panels[1:], specs, _labels(), strict=True):

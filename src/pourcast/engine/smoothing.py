@@ -8,7 +8,8 @@ support radius H = 2 h (h the smoothing length):
     W(r)     =   21 / (2 pi H^3) (1 - q)^4 (4 q + 1)
     grad W   = -420 / (2 pi H^5) (1 - q)^3 r_vec
 
-The kernels here leave the normalisation out; `packing` calibrates it away.
+The functions here leave the normalisation out; `packing` calibrates it away.
+They take 1 - q, cut off at 0, so that a pair out of reach adds nothing.
 """
 
 from typing import Any
@@ -16,17 +17,24 @@ from typing import Any
 import numpy as np
 
 from pourcast.engine.compile import kernel
+from pourcast.engine.simd import maximum, sqrt
 
 NORMALISATION = 21.0 / (2.0 * np.pi)
 """Times 1 / H^3: makes the integral of W over space 1."""
 
 GRADIENT_FACTOR = 20.0
-"""grad w = -GRADIENT_FACTOR / H^2 (1 - q)^3 r_vec for the shape w of `shape`."""
+"""grad w = -GRADIENT_FACTOR / H^2 (1 - q)^3 r_vec for the w of `weight`."""
 
 
 @kernel
-def shape(one_minus_q: Any) -> Any:
-    """Kernel without its normalisation, (1 - q)^4 (4 q + 1), from max(1 - q, 0).
+def one_minus_q_of(squared_distance: Any, inverse_support: Any, zero: Any) -> Any:
+    """max(1 - r / H, 0) from r^2."""
+    return maximum(1.0 - sqrt(squared_distance) * inverse_support, zero)
+
+
+@kernel
+def weight(one_minus_q: Any) -> Any:
+    """W without its normalisation, (1 - q)^4 (4 q + 1), from max(1 - q, 0).
 
     Works on floats and on vectors.
     """
@@ -35,6 +43,6 @@ def shape(one_minus_q: Any) -> Any:
 
 
 @kernel
-def slope(one_minus_q: Any) -> Any:
-    """Kernel gradient without its factor, (1 - q)^3, from max(1 - q, 0)."""
+def gradient(one_minus_q: Any) -> Any:
+    """Gradient of W over r_vec without its factor, (1 - q)^3, from max(1 - q, 0)."""
     return one_minus_q * one_minus_q * one_minus_q

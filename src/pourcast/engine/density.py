@@ -1,0 +1,51 @@
+"""Density by summation: a particle's own weight, its mirror images', and those of all pairs.
+
+rho_i = sum_j m W_ij (Monaghan 1992, eq. 3.2). Sums are over the rest density's in the end,
+so that masses cancel.
+"""
+
+from typing import Any
+
+from pourcast.engine.compile import kernel
+from pourcast.engine.simd import load, splat, store
+from pourcast.engine.smoothing import one_minus_q_of, weight
+from pourcast.engine.walls import image_density
+
+
+@kernel
+def start_density(state: Any, lanes: Any) -> None:
+    """Each particle's own share of its density, and its mirror images' in the walls."""
+    inverse_support, zero = load(lanes.inverse_support, 0), splat(0.0)
+    width, depth, ceiling = load(lanes.width, 0), load(lanes.depth, 0), load(lanes.ceiling, 0)
+    for row in range(state.density.shape[0]):
+        x, y = load(state.position[0], row), load(state.position[1], row)
+        z = load(state.position[2], row)
+        total = splat(1.0) + image_density(x, width - x, inverse_support, zero)
+        total = total + image_density(y, ceiling - y, inverse_support, zero)
+        total = total + image_density(z, depth - z, inverse_support, zero)
+        store(state.density, row, total)
+
+
+@kernel
+def add_pair_density(state: Any, lanes: Any) -> None:
+    """Add the weights of all pairs of 16 simulations in lockstep."""
+    x, y, z = state.position[0], state.position[1], state.position[2]
+    density = state.density
+    inverse_support, zero = load(lanes.inverse_support, 0), splat(0.0)
+    for i in range(density.shape[0]):
+        xi, yi, zi = load(x, i), load(y, i), load(z, i)
+        total = load(density, i)
+        for j in range(i):
+            dx, dy, dz = xi - load(x, j), yi - load(y, j), zi - load(z, j)
+            share = weight(one_minus_q_of(dx * dx + dy * dy + dz * dz, inverse_support, zero))
+            total = total + share
+            store(density, j, load(density, j) + share)
+        store(density, i, total)
+
+
+@kernel
+def divide_by_rest_density(state: Any, lanes: Any) -> None:
+    """Turn the sums into densities over that at rest."""
+    scale = 1.0 / load(lanes.reference_density, 0)
+    for row in range(state.density.shape[0]):
+        store(state.density, row, load(state.density, row) * scale)

@@ -1,0 +1,33 @@
+"""Integration in time: symplectic Euler, with gravity and damping.
+
+The damping zeta lowers the acceleration by zeta times the velocity.
+"""
+
+from typing import Any
+
+from pourcast.engine.compile import kernel
+from pourcast.engine.simd import load, maximum, splat, store
+
+
+@kernel
+def integrate(state: Any, lanes: Any, step: float) -> None:
+    """One step under the forces found, gravity and damping; notes the greatest speed."""
+    gravity, damping = load(lanes.gravity, 0), load(lanes.damping, 0)
+    dt, zero = splat(step), splat(0.0)
+    fastest = load(state.squared_top_speed, 0)
+    for row in range(state.density.shape[0]):
+        squared_speed = zero
+        for axis in range(3):
+            rate = load(state.acceleration[axis], row)
+            speed = load(state.velocity[axis], row)
+            rate = rate - damping * speed
+            rate = rate - (gravity if axis == 1 else zero)
+            speed = speed + dt * rate
+            position = load(state.position[axis], row)
+            if axis < 2:
+                store(state.previous[axis], row, position)
+            store(state.velocity[axis], row, speed)
+            store(state.position[axis], row, position + dt * speed)
+            squared_speed = squared_speed + speed * speed
+        fastest = maximum(fastest, squared_speed)
+    store(state.squared_top_speed, 0, fastest)

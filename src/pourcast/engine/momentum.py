@@ -1,0 +1,84 @@
+"""Momentum equation: pressure, viscosity and the walls' push, in the symmetric form.
+
+Monaghan (1992), Annu. Rev. Astron. Astrophys. 30, eq. 3.3:
+
+    dv_i/dt = - sum_j m (p_i / rho_i^2 + p_j / rho_j^2 + Pi_ij) grad W_ij
+"""
+
+from typing import Any
+
+from pourcast.engine.compile import kernel
+from pourcast.engine.equation_of_state import pressure_term
+from pourcast.engine.simd import load, splat, store
+from pourcast.engine.smoothing import gradient, one_minus_q_of
+from pourcast.engine.viscosity import approach_rate
+from pourcast.engine.walls import image_push
+
+
+@kernel
+def start_forces(state: Any, lanes: Any) -> None:
+    """Pressure of each particle, and the walls' part of its acceleration."""
+    zero = splat(0.0)
+    inverse_support, factor = load(lanes.inverse_support, 0), load(lanes.pressure_factor, 0)
+    width, depth, ceiling = load(lanes.width, 0), load(lanes.depth, 0), load(lanes.ceiling, 0)
+    for row in range(state.density.shape[0]):
+        pressure = pressure_term(load(state.density, row), zero)
+        store(state.pressure, row, pressure)
+        x, y = load(state.position[0], row), load(state.position[1], row)
+        z = load(state.position[2], row)
+        push_x = image_push(pressure, x, width - x, inverse_support, zero)
+        push_y = image_push(pressure, y, ceiling - y, inverse_support, zero)
+        push_z = image_push(pressure, z, depth - z, inverse_support, zero)
+        store(state.acceleration[0], row, factor * push_x)
+        store(state.acceleration[1], row, factor * push_y)
+        store(state.acceleration[2], row, factor * push_z)
+
+
+@kernel
+def pair_push(
+    dx: Any, dy: Any, dz: Any, du: Any, dv: Any, dw: Any, densities: Any, pressures: Any,
+    inverse_support: Any, pressure_factor: Any, viscosity_factor: Any, separation_floor: Any,
+) -> Any:  # fmt: skip
+    """Acceleration of a particle by another, over the vector from the other to it.
+
+    From that vector, the relative velocity and the sums of the two densities and pressures.
+    """
+    zero = splat(0.0)
+    r2 = dx * dx + dy * dy + dz * dz
+    friction = approach_rate(du * dx + dv * dy + dw * dz, r2, densities, separation_floor, zero)
+    push = pressure_factor * pressures - viscosity_factor * friction
+    return push * gradient(one_minus_q_of(r2, inverse_support, zero))
+
+
+@kernel
+def add_pair_forces(state: Any, lanes: Any) -> None:
+    """Pressure and artificial viscosity over all pairs of 16 simulations in lockstep."""
+    x, y, z = state.position[0], state.position[1], state.position[2]
+    u, v, w = state.velocity[0], state.velocity[1], state.velocity[2]
+    ax, ay, az = state.acceleration[0], state.acceleration[1], state.acceleration[2]
+    density, pressure = state.density, state.pressure
+    inverse_support = load(lanes.inverse_support, 0)
+    pressure_factor = load(lanes.pressure_factor, 0)
+    viscosity_factor = load(lanes.viscosity_factor, 0)
+    separation_floor = load(lanes.separation_floor, 0)
+    for i in range(density.shape[0]):
+        xi, yi, zi = load(x, i), load(y, i), load(z, i)
+        ui, vi, wi = load(u, i), load(v, i), load(w, i)
+        density_i, pressure_i = load(density, i), load(pressure, i)
+        axi, ayi, azi = load(ax, i), load(ay, i), load(az, i)
+        for j in range(i):
+            dx, dy, dz = xi - load(x, j), yi - load(y, j), zi - load(z, j)
+            du, dv, dw = ui - load(u, j), vi - load(v, j), wi - load(w, j)
+            push = pair_push(
+                dx, dy, dz, du, dv, dw,
+                density_i + load(density, j), pressure_i + load(pressure, j),
+                inverse_support, pressure_factor, viscosity_factor, separation_floor,
+            )  # fmt: skip
+            fx, fy, fz = push * dx, push * dy, push * dz
+            axi, ayi, azi = axi + fx, ayi + fy, azi + fz
+            store(ax, j, load(ax, j) - fx)
+            store(ay, j, load(ay, j) - fy)
+            store(az, j, load(az, j) - fz)
+        store(ax, i, axi)
+        store(ay, i, ayi)
+        store(az, i, azi)
