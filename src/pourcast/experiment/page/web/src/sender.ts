@@ -11,7 +11,7 @@ export class Sender {
   private idle: (() => void)[] = [];
   private refused = new Set<Entry>();
 
-  /** Called when another tab has the session. */
+  /** Called when another tab has the session; not for what was posted before this was set. */
   onSuperseded: (session: string) => void = () => undefined;
 
   constructor(
@@ -50,10 +50,12 @@ export class Sender {
     this.running = true;
     let wait = waits(LONGEST_WAIT);
     for (let entry = this.next(); entry; entry = this.next()) {
+      // An answer that comes late, after this tab took the session over, tells of the time before.
+      const { onSuperseded } = this;
       try {
         const said = await this.transport.save(entry.session, entry.seq, entry.body, this.tab);
         await this.outbox.markSaved(entry);
-        if (said.superseded) this.onSuperseded(entry.session);
+        if (said.superseded) onSuperseded(entry.session);
         wait = waits(LONGEST_WAIT);
       } catch (error) {
         // Whoever is refused stays in the browser, for the file; all others are tried for ever.

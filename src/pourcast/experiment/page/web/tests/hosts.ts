@@ -15,7 +15,8 @@ export function planOf(changed: Partial<Plan> = {}): Plan {
     texts: { stop: { gone: "It is gone." } },
     places: [
       { group: 0, place: 0, steps: STEPS },
-      { group: 1, place: 5, steps: STEPS.toReversed() },
+      { group: 1, place: 0, steps: STEPS.toReversed() },
+      { group: 1, place: 1, steps: STEPS },
     ],
     codes: { complete: "DONE1", screened_out: "OUT1", failed_check: "" },
     redirect: "https://app.example.org/?cc={code}",
@@ -41,7 +42,7 @@ export abstract class Network {
       const fails = this.failures.shift();
       if (fails === "unreachable") throw new TypeError("Failed to fetch");
       if (fails === "nonsense") return new Response("<h1>Please log in to this network</h1>");
-      if (typeof fails === "number") return new Response("<h1>Bad gateway</h1>", { status: fails });
+      if (typeof fails === "number") return answer(fails, { error: "not now" });
       const headers = new Headers(init.headers);
       const content = JSON.parse(typeof init.body === "string" ? init.body : "{}") as Content;
       const method = init.method ?? "GET";

@@ -172,6 +172,18 @@ describe("a browser whose database fails", () => {
     await worksInMemory(outbox);
   });
 
+  it("has a full disk for a while: the first record of a step stays all the same", async () => {
+    const outbox = await Outbox.open();
+    const full = vi.spyOn(IDBObjectStore.prototype, "add").mockImplementation(() => {
+      throw new DOMException("full", "QuotaExceededError");
+    });
+    await Promise.all([outbox.put("s", 0, { x: "first" }), outbox.put("s", 0, { x: "second" })]);
+    full.mockRestore();
+    await outbox.put("s", 0, { x: "third" });
+    expect(said(outbox.unsaved())).toEqual([["s", 0, "first"]]);
+    expect(said((await Outbox.open()).unsaved())).toEqual([]);
+  });
+
   it("closes it while the page is open", async () => {
     const outbox = await Outbox.open();
     await outbox.put("s", 0, { x: 1 });

@@ -141,6 +141,24 @@ describe("a sender", () => {
   });
 });
 
+describe("a tab that takes a session over", () => {
+  it("isn't told by a late answer that another tab has it", async () => {
+    const outbox = await memoryWith(0, 1);
+    const server = new Server(async (nth, keep) => {
+      await new Promise((resolve) => setTimeout(resolve, 1000));
+      return { ...(await fine(nth, keep)), superseded: nth === 0 };
+    });
+    const sender = senderOf(outbox, server);
+    const flushed = sender.flushed(); // Posted while the session was the other tab's ...
+    await vi.advanceTimersByTimeAsync(500);
+    sender.onSuperseded = vi.fn<(session: string) => void>(); // ... and answered when it isn't.
+    await vi.runAllTimersAsync();
+    await flushed;
+    expect(sender.onSuperseded).not.toHaveBeenCalled();
+    expect(outbox.unsaved()).toEqual([]);
+  });
+});
+
 describe("a server that is down", () => {
   const down = async () => {
     throw new Error("status 503");

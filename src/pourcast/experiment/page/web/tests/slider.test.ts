@@ -335,7 +335,9 @@ describe("the keyboard", () => {
     await page.enter();
     expect(page.press("ArrowRight").defaultPrevented).toBe(false);
     expect(page.press("Enter").defaultPrevented).toBe(false);
+    const focus = vi.spyOn(HTMLElement.prototype, "focus");
     window.dispatchEvent(new Event("focus"));
+    expect(focus).not.toHaveBeenCalled();
     expect(page.finished).toHaveLength(1);
   });
 });
@@ -389,6 +391,7 @@ describe("what is shown", () => {
 
 describe("the record", () => {
   it("has times from the picture on, in seconds, and the way if that is wanted", async () => {
+    await vi.advanceTimersByTimeAsync(5000); // What came before is no part of it.
     const page = await Page.shown({ trajectory: true });
     await vi.advanceTimersByTimeAsync(1000);
     page.point("pointermove", 0.25);

@@ -109,6 +109,18 @@ describe("a second tab", () => {
     expect(second.taken).not.toHaveBeenCalled();
   });
 
+  it("is the only one that has it then", async () => {
+    const [first, second, third] = [tabOf("a"), tabOf("b"), tabOf("c")];
+    for (const { tabs } of [first, second, third]) {
+      tabs.take();
+      vi.advanceTimersByTime(1000);
+      Channel.deliverAll();
+    }
+    expect(first.taken).toHaveBeenCalledOnce();
+    third.tabs.release();
+    expect(await seesAnother(tabOf("d"))).toBe(false);
+  });
+
   it("takes nothing over from a tab that has ended", () => {
     const [first, second] = [tabOf("a"), tabOf("b")];
     first.tabs.take();
