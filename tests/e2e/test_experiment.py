@@ -381,7 +381,7 @@ def test_simulated_observers_take_part_through_the_page(tmp_path, browser):
             for k, scene in enumerate(opened.scenes)
         ]
     )  # fmt: skip
-    app = create_app(opened, rehearsal=Rehearsal(table, basins=True))
+    app = create_app(opened, rehearsal=Rehearsal(table, opened.scenes))
     with served(app) as base:
         drive_observers(browser, base, link_key(opened.storage.secret, "simulation"), 2)
     sessions = opened.storage.sessions()
@@ -405,7 +405,7 @@ def test_observers_can_be_watched(tmp_path, browser):
         {"participant": "sim-0", "scene": [one.id for one in opened.scenes], "liquid": "water",
          "response": [0.2, 0.9], "rt": 0.7}
     )  # fmt: skip
-    with served(create_app(opened, rehearsal=Rehearsal(table, basins=True))) as base:
+    with served(create_app(opened, rehearsal=Rehearsal(table, opened.scenes))) as base:
         link = link_key(opened.storage.secret, "simulation")
         drive_observers(browser, base, link, 1, visual=True)
     found = {
