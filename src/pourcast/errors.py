@@ -2,10 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pydantic import ValidationError
+from typing import Any, Protocol
 
 
 class InputError(ValueError):
@@ -69,7 +66,15 @@ def unknown(name: str, known: Iterable[str]) -> str:
     return f"there is no {name!r}; {hint}known: {', '.join(names)}"
 
 
-def one_line(error: "ValidationError") -> str:
+class Complaints(Protocol):
+    """A `pydantic.ValidationError`, as far as it is needed here, where nobody loads pydantic."""
+
+    def errors(self) -> list[Any]:
+        """What is wrong, field by field."""
+        ...
+
+
+def one_line(error: Complaints) -> str:
     """First complaint of a validation error: the field's path, what was expected and found."""
     first = error.errors()[0]
     path = ""
