@@ -6,6 +6,8 @@ participants meet is among the slow tests, which CI runs, too.
 
 import json
 import shutil
+import subprocess
+import sys
 import threading
 import time
 import zipfile
@@ -396,6 +398,20 @@ def test_simulated_observers_take_part_through_the_page(tmp_path, browser):
     assert (found["rt"] == 1.5).all()
     assert found["simulated"].all()
     opened.close()
+
+
+def test_the_command_lets_observers_take_part_and_says_where_their_answers_are(tmp_path):
+    study = small_study(tmp_path, scenes=2)
+    # In a process of its own, as Playwright runs once in each.
+    command = [sys.executable, "-m", "pourcast", "experiment", "simulate", str(study)]
+    command += ["--browser", "--observers", "2", "-m", "gravity"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert said == f"{study / 'responses.sqlite'}: 2 simulated observers took part\n"
+    storage = Storage.of_study(study)
+    sessions = [(one.entry, one.state) for one in storage.sessions()]
+    assert sessions == 2 * [("simulation", "complete")]
+    assert len(trials_table(storage)) == 2 * (1 + 2)
+    storage.close()
 
 
 @pytest.mark.slow
