@@ -12,7 +12,7 @@ from pourcast.stimuli.contact_sheet import write_contact_sheet
 from pourcast.stimuli.make import make_stimuli
 from pourcast.stimuli.manifest import StimulusRequest, StimulusSet
 from pourcast.stimuli.settings import StimulusSettings
-from pourcast.study.folder import load_practice, pick_scene, study_scenes
+from pourcast.study.folder import load_practice, pick_scene, study_liquids, study_scenes
 from pourcast.sweep.executors import Executor
 
 
@@ -23,7 +23,6 @@ def film_study(
     first: int | None = None,
     names: Sequence[str] = (),
     liquid: str | None = None,
-    own: Sequence[Liquid] = (),
     replace: bool = False,
     workers: int | None = None,
     open_executor: Callable[[], Executor] | None = None,
@@ -44,8 +43,6 @@ def film_study(
     liquid
         Only this liquid; by default those of the design. A liquid that the design doesn't show
         is filmed with all the scenes.
-    own
-        The study's own liquids.
     replace, workers, open_executor, report
         See `make_stimuli`.
 
@@ -67,7 +64,7 @@ def film_study(
         chosen = [pick_scene([*scenes, *practice], name, study) for name in names]
     stimuli = make_stimuli(
         study,
-        _requests(all_shown(study), chosen, liquid, own),
+        _requests(all_shown(study), chosen, liquid, study_liquids(study)),
         settings,
         replace=replace,
         workers=workers,
