@@ -145,6 +145,16 @@ def test_a_stimulus_that_was_finished_but_not_listed_is_not_made_again(ramp, tmp
     assert told == []
 
 
+def test_an_entry_that_another_process_is_writing_is_left_to_it(ramp, tmp_path):
+    folder = set_folder(tmp_path, QUICK.name)
+    make_stimuli(tmp_path, [], QUICK)
+    assert StimulusTask(folder, StimulusRequest(ramp, WATER), QUICK).run().outcome == "done"
+    (entry,) = (folder / WORK).glob("*.json")
+    temporary = entry.rename(entry.with_name(f".{entry.stem}-b93w33kd.json"))
+    assert make_stimuli(tmp_path, [], QUICK).manifest.stimuli == ()
+    assert temporary.is_file()
+
+
 def test_a_stimulus_that_another_process_is_at_is_left_to_it(ramp, tmp_path):
     one = StimulusTask(tmp_path, StimulusRequest(ramp, WATER), QUICK)
     (tmp_path / WORK).mkdir()

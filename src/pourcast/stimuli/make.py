@@ -142,7 +142,8 @@ def _forget_work(folder: Path) -> None:
 def _gathered(stimuli: StimulusSet) -> StimulusSet:
     """Put finished stimuli into the list that a worker left beside it."""
     there = {(one.scene, one.liquid): one for one in stimuli.manifest.stimuli}
-    entries = sorted((stimuli.folder / WORK).glob("*.json"))
+    # Those whose names begin with a dot are being written.
+    entries = sorted((stimuli.folder / WORK).glob("[!.]*.json"))
     if not entries:
         return stimuli
     for path in entries:
