@@ -27,6 +27,7 @@ from pourcast.stimuli.solvers import lbm
 from pourcast.stimuli.solvers.lbm import LatticeBoltzmann
 from pourcast.stimuli.solvers.sph import ParticleEngine
 from pourcast.stimuli.task import WORK, StimulusTask
+from pourcast.study.folder import study_liquids
 from tests.make import ramp_scene, random_scenes
 
 SMALL = Preview(width=80)
@@ -142,6 +143,16 @@ def test_a_stimulus_that_was_finished_but_not_listed_is_not_made_again(ramp, tmp
     )
     assert len(made.manifest.stimuli) == 1
     assert told == []
+
+
+def test_an_entry_that_another_process_is_writing_is_left_to_it(ramp, tmp_path):
+    folder = set_folder(tmp_path, QUICK.name)
+    make_stimuli(tmp_path, [], QUICK)
+    assert StimulusTask(folder, StimulusRequest(ramp, WATER), QUICK).run().outcome == "done"
+    (entry,) = (folder / WORK).glob("*.json")
+    temporary = entry.rename(entry.with_name(f".{entry.stem}-b93w33kd.json"))
+    assert make_stimuli(tmp_path, [], QUICK).manifest.stimuli == ()
+    assert temporary.is_file()
 
 
 def test_a_stimulus_that_another_process_is_at_is_left_to_it(ramp, tmp_path):
@@ -420,10 +431,13 @@ def test_what_a_stimulus_does_not_depend_on_may_change(ramp, tmp_path):
 
 
 def test_outcomes_of_another_liquid_of_the_same_name_are_no_truth(ramp, tmp_path):
-    make_stimuli(tmp_path, films(ramp, liquids=[SYRUP]), LATTICE)
-    assert stimulus_truth(tmp_path, [ramp], "syrup", [SYRUP]) is not None
-    with pytest.raises(InputError, match=r"syrup: slip 0\.0, not 1\.0"):
-        stimulus_truth(tmp_path, [ramp], "syrup", [replace(SYRUP, slip=1.0)])
+    own = tmp_path / "study.toml"
+    own.write_text("[liquids.syrup]\nviscosity_alpha = 1.0\nkinematic_viscosity = 1e-3\n")
+    make_stimuli(tmp_path, films(ramp, liquids=study_liquids(tmp_path)), LATTICE)
+    assert stimulus_truth(tmp_path, [ramp], "syrup") is not None
+    own.write_text(own.read_text() + "slip = 0.0\n")
+    with pytest.raises(InputError, match=r"syrup: slip 1\.0, not 0\.0"):
+        stimulus_truth(tmp_path, [ramp], "syrup")
 
 
 def test_two_liquids_of_one_name_are_refused(ramp, tmp_path):

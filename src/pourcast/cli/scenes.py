@@ -136,15 +136,15 @@ def show(
     Example: pourcast show scenes.json --scene 3 -m water-ife -m honey-ife-1 -o pour.mp4
     """
     from pourcast.pictures.show import show as show_scene
-    from pourcast.study.folder import load_scenes, pick_scene
+    from pourcast.study.folder import load_scenes, pick_scene, study_liquids
 
     chosen = pick_scene(load_scenes(scenes), scene, scenes)
     with progress_bar() as report:
-        imagined = show_scene(
-            chosen, out, model or [], liquid, seed,
+        predictions = show_scene(
+            chosen, out, model or [], liquid, seed, own=study_liquids(scenes),
             progress=lambda done, total: report("drawing", done, total),
         )  # fmt: skip
-    for one in imagined:
+    for one in predictions:
         typer.echo(f"{one.name}: J = {one.judgment:.2f}")
     typer.echo(f"{out}: {chosen.id}")
 

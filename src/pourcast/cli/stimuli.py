@@ -14,6 +14,7 @@ from pourcast.cli.options import (
     JsonOption,
     SchedulerOption,
     StudyArgument,
+    complete_liquid,
     pixels,
 )
 from pourcast.cli.terminal import print_json, progress_bar
@@ -48,7 +49,11 @@ def stimuli(
     ] = None,
     liquid: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Only this liquid, any there is [those of the design]."),
+        typer.Option(
+            metavar="NAME",
+            autocompletion=complete_liquid,
+            help="Only this liquid, any there is [those of the design].",
+        ),
     ] = None,
     seconds: Annotated[
         float | None, typer.Option(help="Length of the films [4 s of water, 10 s of honey].")

@@ -11,14 +11,13 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.stimuli.manifest import StimulusSet, sets_of
+from pourcast.study.folder import study_liquids
 
 NAME = "truth-stimulus"
 """Name by which tables and figures call it."""
 
 
-def stimulus_truth(
-    study: Path, scenes: Sequence[Scene], liquid: str, own: Sequence[Liquid] = ()
-) -> NDArray[np.float64] | None:
+def stimulus_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray[np.float64] | None:
     """Outcomes of a study's films, if a solver made them that shares nothing with the models.
 
     Parameters
@@ -29,8 +28,6 @@ def stimulus_truth(
         Its scenes.
     liquid
         Name of a liquid.
-    own
-        The study's own liquids.
 
     Returns
     -------
@@ -42,6 +39,7 @@ def stimulus_truth(
     InputError
         If there is none, but a set of liquids that have changed since.
     """
+    own = study_liquids(study)
     liquids = [resolve_liquid(liquid, scene, own) for scene in scenes]
     sets = [one for one in sets_of(study) if one.manifest.settings.solver.independent]
     for stimuli in sets:
@@ -67,9 +65,7 @@ def _outcome(stimuli: StimulusSet, scene: Scene, liquid: Liquid) -> float | None
     return float(scene.goal.mirrored_judgment(mirrored.outcome))
 
 
-def required_truth(
-    study: Path, scenes: Sequence[Scene], liquid: str, own: Sequence[Liquid] = ()
-) -> NDArray[np.float64]:
+def required_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray[np.float64]:
     """Like `stimulus_truth`, where it was asked for.
 
     Raises
@@ -77,7 +73,7 @@ def required_truth(
     InputError
         If it is not there.
     """
-    outcomes = stimulus_truth(study, scenes, liquid, own)
+    outcomes = stimulus_truth(study, scenes, liquid)
     if outcomes is None:
         raise InputError(
             f"{study}: {NAME}: not all scenes were filmed with {liquid}; "

@@ -1,6 +1,5 @@
 """The first contact: one scene of each experiment, every model's judgment, a film."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -10,6 +9,7 @@ import pandas as pd
 from pourcast.models.registry import complete_presets
 from pourcast.pictures.show import show
 from pourcast.prediction import predict
+from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes
 
@@ -35,7 +35,7 @@ def demo_scenes() -> list[Scene]:
         return read_scenes(path)
 
 
-def run_demo(folder: Path, report: Callable[[str, int, int], None]) -> DemoResult:
+def run_demo(folder: Path, report: Report = no_report) -> DemoResult:
     """Judge the demo's scenes with every built-in preset; make pictures and a film.
 
     Parameters

@@ -8,8 +8,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pourcast.engine.smoothing import NORMALISATION, weight
-from pourcast.pictures.drawing import draw_paths, draw_scene, draw_start
-from pourcast.pictures.show import Imagined, draw_liquid, imagine
+from pourcast.models.ife import IntuitiveFluidsEngine
+from pourcast.pictures.drawing import draw_scene, draw_start
+from pourcast.pictures.panels import draw_pour, draw_predicted_paths
+from pourcast.pictures.predictions import (
+    PredictedPaths,
+    PredictedPour,
+    make_prediction,
+    predict_pour,
+)
 from pourcast.pictures.style import BLUE, PAGE, RC, new_figure
 from pourcast.pictures.video import FRAME_RATE
 from pourcast.scenes.liquids.registry import WATER
@@ -37,35 +44,32 @@ def stimuli(scenes: Sequence[Scene], most: int = 5) -> Figure:
 
 def particle_engine(scene: Scene) -> Figure:
     """The smoothing kernel; one moment with few particles and with many; water and honey."""
-    specs = [
-        f"ife:liquid=water,n_particles={n},damping_zeta=0,zeta_sigma=0" for n in PARTICLE_COUNTS
-    ]
-    specs.append("ife:liquid=honey,n_particles=50,damping_zeta=0,zeta_sigma=0")
+    shown = [*(("water", n) for n in PARTICLE_COUNTS), ("honey", 50)]
+    settings = EngineSettings(max_duration=_MOMENT)
     with mpl.rc_context(RC):
         figure = new_figure(PAGE, 2.1)
-        panels = figure.subplots(1, len(specs) + 1, width_ratios=[1.25] + [1.0] * len(specs))
+        panels = figure.subplots(1, len(shown) + 1, width_ratios=[1.25] + [1.0] * len(shown))
         distance = np.linspace(0.0, 1.0, 101)
         values = [NORMALISATION * weight(max(0.0, 1.0 - q)) for q in distance]
         panels[0].plot(distance, values, color=BLUE)
         panels[0].set(xlabel="r / support radius", ylabel="kernel W", title="Wendland C2")
-        for axes, spec, label in zip(panels[1:], specs, _labels(), strict=True):
-            one = imagine(scene, spec, WATER, settings=EngineSettings(max_duration=_MOMENT))
+        for axes, (liquid, count) in zip(panels[1:], shown, strict=True):
+            label = f"{liquid}, N = {count}"
+            model = IntuitiveFluidsEngine(
+                n_particles=count, damping_zeta=0.0, zeta_sigma=0, liquid=liquid
+            )
+            pour = predict_pour(scene, label, model, WATER, settings=settings)
             draw_scene(axes, scene)
-            _draw_particles(axes, scene, one)
+            _draw_particles(axes, scene, pour)
             axes.set_title(label, fontsize=7)
             axes.set_xlabel(f"{_MOMENT:g} s", fontsize=7)
     return figure
 
 
-def _labels() -> list[str]:
-    return [f"water, N = {n}" for n in PARTICLE_COUNTS] + ["honey, N = 50"]
-
-
-def _draw_particles(axes: Any, scene: Scene, one: Imagined) -> None:
-    assert one.frames is not None
-    frame = min(round(_MOMENT * FRAME_RATE), len(one.frames) - 1)
-    draw_liquid(axes, scene, one, frame)
-    position = one.frames[frame]
+def _draw_particles(axes: Any, scene: Scene, pour: PredictedPour) -> None:
+    frame = min(round(_MOMENT * FRAME_RATE), len(pour.frames) - 1)
+    draw_pour(axes, scene, pour, frame)
+    position = pour.frames[frame]
     axes.plot(position[:, 0], position[:, 1], ".", markersize=1.5, color="black", zorder=5)
 
 
@@ -81,11 +85,10 @@ def heuristics(scene: Scene) -> Figure:
         figure = new_figure(PAGE, 2.9)
         panels = figure.subplots(1, len(panels_of))
         for axes, (label, spec) in zip(panels, panels_of.items(), strict=True):
-            one = imagine(scene, spec, WATER)
+            one = make_prediction(scene, spec, WATER)
             draw_scene(axes, scene)
-            if one.frames is None:
-                draw_start(axes, scene, one.colour)
-                draw_paths(axes, one.paths, one.colour, 1.0)
+            if isinstance(one, PredictedPaths):
+                draw_predicted_paths(axes, scene, one)
             else:
                 _draw_particles(axes, scene, one)
             axes.set_title(label, fontsize=7)
