@@ -34,7 +34,7 @@ def run(capsys, *arguments, code=0):
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_held_out_scenes():
-    assert pair.Request("exp1").held_out == 120
+    assert pair.HELD_OUT == 120
     request = partial(pair.Request, held_out=HELD_OUT)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pair, "Request", request)
