@@ -5,7 +5,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pourcast.errors import InputError
@@ -203,7 +203,6 @@ def test_any_text_is_read_or_refused_in_one_line(text):
     value=json_values,
     replace=st.booleans(),
 )
-@settings(suppress_health_check=[HealthCheck.too_slow])
 def test_any_scene_is_read_or_refused_in_one_line(obstacles, field, value, replace):
     changes = {"obstacles": obstacles} | ({field: value} if replace else {})
     assert_read_or_refused(json.dumps(as_json(**changes)))

@@ -1,7 +1,8 @@
 """Members that are found by name: one file each in a folder, or in other installed packages."""
 
 import importlib
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -47,7 +48,7 @@ class Registry(Generic[Member]):
 
     def third_party(self) -> dict[str, EntryPoint]:
         """Members of other installed packages."""
-        return {entry.name: entry for entry in entry_points(group=self.group)}
+        return dict(_entries(self.group, tuple(sys.path)))
 
     def names(self) -> list[str]:
         """All names; a third-party member takes the place of a built-in one of its name."""
@@ -74,6 +75,16 @@ class Registry(Generic[Member]):
         """What the file of a built-in member holds."""
         module = importlib.import_module(f"{self.package}.{name.replace('-', '_')}")
         return getattr(module, self.attribute)
+
+
+@cache
+def _entries(group: str, _path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
+    """Entry points of a group by name.
+
+    Every installed package is looked through for them, which takes milliseconds: once for each
+    search path, as a plan of many settings asks for liquids' names thousands of times.
+    """
+    return {entry.name: entry for entry in entry_points(group=group)}
 
 
 @cache

@@ -56,7 +56,7 @@ def close_to(answers):
 
 def judgments(experiment, count, kind="judgment"):
     """Bodies of the judgments (or another kind of record), when there are so many."""
-    until = time.monotonic() + 10.0
+    until = time.monotonic() + 60.0
     while time.monotonic() < until:
         found = [json.loads(r.body) for r in experiment.storage.records() if r.kind == kind]
         if len(found) >= count:

@@ -1,11 +1,16 @@
 """Two hundred participants at once: every answer acknowledged, soon.
 
+How soon is measured beside the least that can keep an answer (`bare_server`) under the same load:
+what a machine and its disk make of that is no matter of ours.
+
 The load is bounded in number and time, and goes to this machine only. Run with `pytest -m slow`.
 """
 
 import asyncio
 import json
-import time
+import subprocess
+import sys
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -14,7 +19,7 @@ from tests.experiment.conftest import fresh_database
 from tests.experiment.make import EXP1, answer, small_study
 from tests.experiment.server_process import ServerProcess
 
-PEOPLE, SECONDS = 200, 60
+PEOPLE, SECONDS, YARDSTICK_SECONDS = 200, 60, 15
 
 
 class Client:
@@ -38,32 +43,47 @@ class Client:
         text = await self.reader.readexactly(length)
         return int(answered.split(b" ")[1]), json.loads(text)
 
-    async def take_part(self, key, begin_at, times):
+    async def take_part(self, key, begin_at, seconds, times):
+        """Begin, then answer once a second; how long each answer took goes to `times` [s]."""
         loop = asyncio.get_running_loop()
         await self.connect()
         content = {"request": f"request-{self.number}", "tab": f"tab-{self.number:08}"}
         status, told = await self.ask("POST", "/api/sessions", content | {"link": {"lab": key}})
         assert status == 201
-        for k in range(SECONDS):
+        steps = told["steps"] or [{"seq": k, "kind": "judgment"} for k in range(seconds)]
+        for k, step in enumerate(steps[:seconds]):
             await asyncio.sleep(max(0.0, begin_at + k + self.number / PEOPLE - loop.time()))
-            step = told["steps"][k]
             began = loop.time()
             status, said = await self.ask(
                 "PUT", f"/api/session/records/{step['seq']}",
                 {"tab": content["tab"], "body": answer(step["kind"], k / 100)}, told["token"],
             )  # fmt: skip
             times.append(loop.time() - began)
-            assert (status, said["saved"]) == (200, "new")
+            assert (status // 100, said["saved"]) == (2, "new")
         self.writer.close()
         await self.writer.wait_closed()
 
 
-async def run_load(port, key):
+async def run_load(port, key, seconds):
     times = []
     # All come within some seconds, then answer once a second.
     begin_at = asyncio.get_running_loop().time() + 8.0
-    await asyncio.gather(*(Client(port, k).take_part(key, begin_at, times) for k in range(PEOPLE)))
+    people = [Client(port, number) for number in range(PEOPLE)]
+    await asyncio.gather(*(one.take_part(key, begin_at, seconds, times) for one in people))
     return np.array(times)
+
+
+@contextmanager
+def bare_server(folder):
+    """A server that does no more than commit what it is sent; its port."""
+    command = [sys.executable, "-m", "tests.experiment.bare_server", str(folder / "bare.sqlite")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        yield int(process.stdout.readline())
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
 
 
 @pytest.mark.slow
@@ -78,12 +98,11 @@ def test_two_hundred_participants_a_trial_a_second_for_a_minute(tmp_path, reques
 
 
 def _load(study, *options):
+    with bare_server(study.parent) as port:
+        least = asyncio.run(run_load(port, "", YARDSTICK_SECONDS))
     with ServerProcess(study, *options) as server:
-        began = time.monotonic()
-        times = asyncio.run(run_load(server.port, server.lab.rpartition("=")[2]))
-        print(
-            f"{len(times)} records in {time.monotonic() - began:.0f} s; p50, p99, most "
-            f"{np.quantile(times, [0.5, 0.99, 1.0]) * 1000} ms"
-        )
+        times = asyncio.run(run_load(server.port, server.lab.rpartition("=")[2], SECONDS))
+    for who, taken in (("bare", least), ("server", times)):
+        print(f"{who}: {len(taken)} records; p50, p99, most {np.quantile(taken, [0.5, 0.99, 1])} s")
     assert len(times) == PEOPLE * SECONDS
-    assert np.quantile(times, 0.99) < 0.25
+    assert np.quantile(times, 0.99) < 25 * np.quantile(least, 0.99)

@@ -10,7 +10,7 @@ import pytest
 
 from pourcast import cli
 from pourcast.networks.backbones import make_backbone
-from pourcast.networks.training import learner
+from pourcast.networks.training import learner, pair
 from pourcast.networks.training.checkpoint import save_checkpoint
 from pourcast.report.page import Options, with_published
 from pourcast.study.experiments.registry import EXPERIMENTS
@@ -21,12 +21,25 @@ pytest.importorskip("torch")
 
 TINY = ["-n", "40", "--size", "32x48", "--passes", "1"]
 
+HELD_OUT = 20
+"""Scenes that networks are tried on here: to label 120 takes most of a test's time."""
+
 
 def run(capsys, *arguments, code=0):
     found = cli.run([str(argument) for argument in arguments])
     said = capsys.readouterr()
     assert found == code, said.err
     return said.out if code == 0 else said.err
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_held_out_scenes():
+    assert pair.HELD_OUT == 120
+    request = partial(pair.Request, held_out=HELD_OUT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pair, "Request", request)
+        patch.setattr("pourcast.report.reproduction.NetworkRequest", request)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +73,7 @@ def test_a_pair_is_trained_judges_and_says_what_it_is(net, tmp_path, capsys):
     facts = json.loads(run(capsys, "convnet", "show", net / "water.safetensors", "--json"))
     assert facts["scenes"] == 40
     assert facts["recipe"]["start"] == "random"
-    assert facts["held_out"]["scenes"] == 120
+    assert facts["held_out"]["scenes"] == HELD_OUT
 
 
 def test_again_nothing_is_done_and_other_settings_are_refused(net, capsys):

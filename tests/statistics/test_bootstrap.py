@@ -1,11 +1,10 @@
-import time
-
 import numpy as np
 import pytest
 from scipy import stats
 
 from pourcast.statistics.bootstrap import interval, resample, two_sided_p
 from pourcast.statistics.correlation import agreement, pearson
+from tests.yardstick import ratio
 
 
 def study(seed=0, people=20, scenes=30, noise=0.2):
@@ -109,11 +108,21 @@ def test_two_sided_p():
     assert p[1] == pytest.approx(2 / 1002)
 
 
-def test_the_paper_s_size_takes_less_than_five_seconds():
+def test_the_paper_s_size_takes_little_more_than_its_products_of_matrices():
     rng = np.random.default_rng(0)
     responses, models = rng.random((65, 120)), rng.random((12, 120))
-    start = time.process_time()
-    for resampled in ("participants", "scenes", "both"):
-        drawn = resample(responses, resampled, rng, 10_000)
-        interval(agreement(drawn.means, models, drawn.weights).r)
-    assert time.process_time() - start < 5.0
+
+    def intervals():
+        for resampled in ("participants", "scenes", "both"):
+            drawn = resample(responses, resampled, rng, 10_000)
+            interval(agreement(drawn.means, models, drawn.weights).r)
+
+    def products():
+        people, scenes = (
+            rng.multinomial(count, np.full(count, 1 / count), 10_000).astype(float)
+            for count in responses.shape
+        )
+        return scenes * (people @ responses) @ models.T
+
+    # Measured: 3.7 times drawing and multiplying once.
+    assert ratio(intervals, products) < 10.0
