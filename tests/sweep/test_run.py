@@ -242,6 +242,19 @@ def test_progress_counts_up_to_all(tmp_path):
     assert done == sorted(done)
 
 
+def test_a_part_that_fails_is_told_before_the_next_shard_begins(tmp_path, monkeypatch):
+    def fail(self, *args, **kwargs):
+        raise ValueError("no such corner")
+
+    monkeypatch.setattr("pourcast.models.simple.SimpleSim.judge", fail)
+    plan, store = small_plan(), Store(tmp_path)
+    for result in run_part(plan, store, 0, 1):
+        if result.outcome == "failed":
+            break
+    assert [failure.shard for failure in store.failures([result.task])] == [result.task]
+    assert len(store.paths()) < len(plan.shards) - 1
+
+
 # Parts of an array, trajectories -----------------------------------------------------------
 
 
@@ -249,7 +262,7 @@ def test_progress_counts_up_to_all(tmp_path):
 def test_parts_of_an_array_make_the_whole(tmp_path, parts, reference):
     for part in range(parts):
         assert {r.outcome for r in run_part(small_plan(), Store(tmp_path), part, parts)} == {"done"}
-        assert run_part(small_plan(), Store(tmp_path), part, parts) == []
+        assert list(run_part(small_plan(), Store(tmp_path), part, parts)) == []
     result, executor = swept(small_plan(), tmp_path)
     assert executor.did == []
     assert result.table.equals(reference)

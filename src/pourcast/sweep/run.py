@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -204,8 +204,10 @@ class _Tally:
         )
 
 
-def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[TaskResult]:
+def run_part(plan: Plan, store: Store, part: int, parts: int) -> Iterator[TaskResult]:
     """Do every `parts`-th shard from number `part` on, here and now; for a task of a job array.
+
+    Shards are done one by one as the results are taken; a failure is kept at once.
 
     Parameters
     ----------
@@ -218,8 +220,8 @@ def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[TaskResult
     """
     store.prepare()
     left = _repaired(plan, store, plan.shards[part::parts]).left
-    results = [run_shard(task_of(plan, shard, store.folder)) for shard in left]
-    for result in results:
+    for shard in left:
+        result = run_shard(task_of(plan, shard, store.folder))
         if result.outcome == "failed":
             store.keep_failure(Failure(result.task, 1, result.message))
-    return results
+        yield result
