@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from pourcast.models.registry import make_model
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 
@@ -18,7 +18,7 @@ def predict(
     liquid: str = "water",
     seed: int = 0,
     *,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> pd.DataFrame:
     """Let models judge scenes.
 
@@ -53,8 +53,7 @@ def predict(
     for spec, model in built.items():
 
         def progress(done: int, total: int, spec: str = spec) -> None:
-            if report is not None:
-                report(spec, done, total)
+            report(spec, done, total)
 
         judgments = np.empty(len(scenes))
         for kind, trial_liquid in by_goal.items():

@@ -7,3 +7,11 @@ Progress = Callable[[int, int], None]
 
 Report = Callable[[str, int, int], None]
 """Called with what is going on, how much of it is done, and how much there is."""
+
+
+def no_report(what: str, done: int, total: int) -> None:
+    """Tell nobody."""
+
+
+def no_progress(done: int, total: int) -> None:
+    """Tell nobody."""

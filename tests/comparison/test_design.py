@@ -13,7 +13,8 @@ from pourcast.scenes.liquids.registry import WATER
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.statistics.observer import Population
-from tests.comparison.make import made_up, voronoi_scenes
+from pourcast.sweep.judged import judged_from
+from tests.comparison.make import judgment_table, made_up, voronoi_scenes
 
 COMMON = {"population": Population(), "seed": 0}
 
@@ -66,6 +67,40 @@ def test_what_was_not_swept_can_not_be_recovered(spec, axis, said):
     _, judged = made_up(5)
     with pytest.raises(InputError, match=said):
         along(judged, "water", spec, axis)
+
+
+def of_water_trials(scenes, specs):
+    """Judgments of models on trials with water alone."""
+    rng = np.random.default_rng(3)
+    tables = [judgment_table(scenes, spec, rng.random(len(scenes)), "water") for spec in specs]
+    return judged_from(tables, scenes)
+
+
+@pytest.mark.parametrize("family", ["ife", "position-uncertainty"])
+@pytest.mark.parametrize(("head", "taken"), [("trial", 0), ("water", 3), ("honey", 3)])
+def test_another_liquid_s_judgments_stand_in_only_where_the_trial_makes_no_difference(
+    family, head, taken
+):
+    scenes = voronoi_scenes(4)
+    specs = [f"{family}:liquid={head},n_particles={n}" for n in (15, 20, 25)]
+    judged = of_water_trials(scenes, specs)
+    fixed = {"family": family, "head": head}
+    assert len(judged.on_trials("water", **fixed)) == 3
+    assert len(judged.on_trials("honey-exp1", **fixed)) == taken
+    if taken:
+        assert along(judged, "honey-exp1", specs[0], "n_particles")[0] == [15, 20, 25]
+    else:
+        with pytest.raises(InputError, match="0 of its values were swept"):
+            along(judged, "honey-exp1", specs[0], "n_particles")
+
+
+def test_models_that_use_no_liquid_stand_in_for_any_trial_and_unknown_ones_for_none():
+    scenes = voronoi_scenes(4)
+    judged = of_water_trials(scenes, ["marble:n_particles=15", "simple:g=0", "simple:g=1"])
+    assert len(judged.on_trials("honey-exp1", family="marble")) == 1
+    assert len(judged.on_trials("honey-exp1", family="simple")) == 2
+    table = judgment_table(scenes, "simple:g=0", np.zeros(4), "water").assign(model="gone-away")
+    assert len(judged_from([table], scenes).on_trials("honey-exp1", family="gone-away")) == 0
 
 
 def test_models_and_power():

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pourcast.comparison.agreement import Compared, Settings, short_liquid
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
-from pourcast.statistics.bootstrap import Resamples, interval, random_halves, resample
+from pourcast.statistics.bootstrap import Resamples, interval, random_halves, resample, tails
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.statistics.fit import flat, profile, tied
 from pourcast.study.responses import Trials
@@ -345,7 +345,7 @@ def cross_validation_table(
         made = [(k, pick[name]) for k, pick in enumerate(picks) if name in pick]
         trained = np.array([train[name][at] for at in made])
         tested = np.array([test[name][at] for at in made])
-        low, high = np.nanpercentile(tested, [2.5, 97.5])
+        low, high = np.nanpercentile(tested, tails(settings.level))
         rows.append(
             {
                 "model": name,

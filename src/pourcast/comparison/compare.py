@@ -13,7 +13,7 @@ from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
 from pourcast.models.registry import complete_presets, labels_of, make_model
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
 from pourcast.study.folder import study_scenes
@@ -113,7 +113,7 @@ TABLES = {
     "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
     "carried": "Parameters chosen in another experiment, carried over unchanged",
     "loo": "Likelihood of single answers: models by PSIS-LOO, the best first",
-    "posterior": "Likelihood of single answers: parameters of the response model, 95 % intervals",
+    "posterior": "Likelihood of single answers: parameters of the response model, with intervals",
     "variance": "Variance of deterministic judgments over the window of dampings",
     "variance_tests": "Unpaired t-tests between these variances",
     "scores": "Correlation of every swept candidate",
@@ -122,7 +122,7 @@ TABLES = {
 """Tables of a comparison, and what they say; those that the data can't fill are left out."""
 
 
-def compare_study(study: Path, request: Request, report: Report | None = None) -> Comparison:
+def compare_study(study: Path, request: Request, report: Report = no_report) -> Comparison:
     """Compare a study's models with people.
 
     Judgments that are not there yet are simulated, through the study's store.
@@ -196,7 +196,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
     individuals = agreement.individuals(people, settings)
     tables = _tables(people, judged, settings, individuals, report)
     if request.bayes:
-        tables |= _bayes(people, settings.seed, report)
+        tables |= _bayes(people, settings, report)
     if request.carried is not None:
         tables["carried"] = choice.carried_table(compared(carried), request.carried, settings)
     return Comparison(
@@ -219,7 +219,7 @@ def _tables(
     judged: Judged,
     settings: Settings,
     individuals: Individuals,
-    report: Report | None,
+    report: Report,
 ) -> dict[str, pd.DataFrame]:
     trials = [one.trials for one in people]
     sets = choice.candidates(judged, trials)
@@ -240,20 +240,24 @@ def _tables(
     }
     tables = {}
     for done, (name, make) in enumerate(steps.items()):
-        if report is not None:
-            report(f"comparing: {name}", done, len(steps))
+        report(f"comparing: {name}", done, len(steps))
         tables[name] = make()
     return tables
 
 
-def _bayes(people: Sequence[Compared], seed: int, report: Report | None) -> dict[str, pd.DataFrame]:
+def _bayes(
+    people: Sequence[Compared], settings: Settings, report: Report
+) -> dict[str, pd.DataFrame]:
     """Models compared by the likelihood of single answers, for each liquid."""
     # JAX is loaded only for this.
     from pourcast.statistics.bayes import Sampling, compare_models  # noqa: PLC0415
 
     loos, posteriors = [], []
     for one in people:
-        found = compare_models(one.trials.responses, one.models, Sampling(seed=seed), report)
+        found = compare_models(
+            one.trials.responses, one.models, Sampling(seed=settings.seed), report,
+            level=settings.level,
+        )  # fmt: skip
         loos.append(_labelled(found.loo, one))
         posteriors.append(_labelled(found.parameters, one))
     return {

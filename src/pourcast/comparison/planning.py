@@ -1,6 +1,6 @@
 """What a design could have told apart: recovery of parameters and models, and power, as tables."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pourcast.errors import InputError, unknown
 from pourcast.models.registry import family_of, make_model, name_of
-from pourcast.progress import Report
+from pourcast.progress import Progress, Report, no_report
 from pourcast.statistics.bootstrap import Resampled
 from pourcast.statistics.observer import Population
 from pourcast.statistics.recovery import confusion, power_of, recover_parameters
@@ -60,9 +60,7 @@ def along(judged: Judged, liquid: str, spec: str, axis: str) -> tuple[list[Any],
     return values, np.stack([found[value] for value in values])
 
 
-def _planting(report: Report | None) -> Callable[[int, int], None] | None:
-    if report is None:
-        return None
+def _planting(report: Report) -> Progress:
     return lambda done, total: report("planting", done, total)
 
 
@@ -75,7 +73,7 @@ def parameter_recovery_table(
     population: Population,
     spread: float,
     seed: int,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> pd.DataFrame:
     """Each value planted in turn, and which values its studies recovered.
 
@@ -103,7 +101,7 @@ def model_recovery_table(
     studies: int,
     population: Population,
     seed: int,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> pd.DataFrame:
     """Each model planted in turn, and which model fits its studies best: shares of the studies.
 
@@ -131,7 +129,7 @@ def power_table(
     resampled: Resampled,
     level: float,
     seed: int,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> pd.DataFrame:
     """Power to tell two models apart, for designs of several sizes.
 
@@ -161,8 +159,7 @@ def power_table(
     sizes = [(people, shown) for people in observers for shown in scenes]
     rows = []
     for done, (people, shown) in enumerate(sizes):
-        if report is not None:
-            report(f"{true_name} against {rival_name}: {people} x {shown}", done, len(sizes))
+        report(f"{true_name} against {rival_name}: {people} x {shown}", done, len(sizes))
         found = power_of(
             true, rival, observers=people, scenes=shown, studies=studies, population=population,
             rng=np.random.default_rng([seed, people, shown]), resampled=resampled, level=level,

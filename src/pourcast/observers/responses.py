@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pourcast.experiment.data.responses import RESPONSES
 from pourcast.observers.observers import Head, Observers, simulate_observers
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.sweep.judged import judge_in_study, sweep_words
 from pourcast.tables import write_table
@@ -64,7 +64,7 @@ def observers_table(
     """
 
     def judge(heads: Sequence[Head]) -> Mapping[Head, NDArray[np.float64]]:
-        tell = sweep_words(report, "observers' heads")
+        tell = sweep_words(report or no_report, "observers' heads")
         return judge_in_study(study, scenes, heads, "observers", report=tell)
 
     return simulate_observers(scenes, observers, judge)

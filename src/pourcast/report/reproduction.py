@@ -15,7 +15,7 @@ from pourcast.networks.training.pair import QUICK, default_recipe, train_network
 from pourcast.networks.training.pair import Request as NetworkRequest
 from pourcast.observers.observers import Observers
 from pourcast.observers.responses import HEADS, OBSERVERS, rehearse
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.report.page import Options, write_report
 from pourcast.scenes.scene import Scene
 from pourcast.study.folder import DEFAULT_SCENES, SceneRequest, open_study
@@ -145,7 +145,7 @@ def reproduce(
     if count is not None:
         text = ALPHA_GRID.format(count=count)
         _sweep(folder, scenes, parse_grid(text, f"alpha-{count}", "alpha"), workers, report)
-    comparison = compare_study(folder, request, report)
+    comparison = compare_study(folder, request, report or no_report)
     page = write_report(comparison, folder / "report", Options(), report)
     return comparison, page
 
@@ -171,7 +171,7 @@ def _sweep(
     folder: Path, scenes: Sequence[Scene], grid: Grid, workers: int | None, report: Report | None
 ) -> None:
     """Run a grid in the study, and write its judgments."""
-    tell = sweep_words(report, "simulating")
+    tell = sweep_words(report or no_report, "simulating")
     result = sweep_in_study(folder, scenes, grid, workers=workers, report=tell)
     write_judgments(folder / "judgments", grid.name, result.table)
     if result.failures:

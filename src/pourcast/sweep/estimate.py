@@ -11,7 +11,7 @@ import pandas as pd
 
 from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
 from pourcast.engine.simd import LANES
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.sweep.plan import Plan, Shard, Span, trajectory_bytes
 from pourcast.sweep.settings import PourSetting
 from pourcast.sweep.shard import compute, task_of
@@ -110,7 +110,7 @@ def estimate(
     workers: int,
     *,
     budget: float = CALIBRATION_SECONDS,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> pd.DataFrame:
     """Time that some shards take on this machine, from a short calibration.
 
@@ -141,8 +141,7 @@ def estimate(
     for done, part in enumerate(_by_kind_and_size(parts)):
         if spent > budget:
             break
-        if report is not None:
-            report(f"trying {in_words(part.group)}", done, len(parts))
+        report(f"trying {in_words(part.group)}", done, len(parts))
         measure(plan, part, 1, rng, threads=1)  # For the compiler.
         run[part.group], seconds, expected = measure(plan, part, _sample_size(part), rng, threads=1)
         factors[part.group] = seconds / expected

@@ -1,7 +1,7 @@
 """Judgments of many models on a study's scenes, found by model and parameters."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,14 +12,14 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError, StoreError
-from pourcast.models.registry import family_of, make_model, name_of, parse_spec
+from pourcast.models.registry import MODELS, family_of, make_model, name_of, parse_spec
 from pourcast.progress import Report
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.sweep.executors.choose import ClusterOptions, make_executor
 from pourcast.sweep.grid import Grid, parse_grid
 from pourcast.sweep.plan import make_plan
-from pourcast.sweep.run import SweepProgress, SweepResult, run_sweep
+from pourcast.sweep.run import SweepReport, SweepResult, no_sweep_report, run_sweep
 from pourcast.sweep.store import Store
 
 Array = NDArray[np.float64]
@@ -81,14 +81,19 @@ class Judged:
     def on_trials(self, liquid: str, **values: Any) -> NDArray[np.int64]:
         """Rows of models that judge trials with a liquid, with these values; see `where`.
 
-        If there are none, those under any other liquid, each once: where the liquid is in a
-        model's head, what the trial shows makes no difference.
+        If there are none, those under any other liquid, each model once; but only of models to
+        which it makes no difference what the trial shows.
         """
         rows = self.where(liquid=liquid, **values)
-        if len(rows) == 0:
-            rows = self.where(**values)
-            rows = rows[~self.rows["parameters"].iloc[rows].duplicated().to_numpy()]
-        return rows
+        if len(rows):
+            return rows
+        others = self.rows.iloc[self.where(**values)]
+        alike = [
+            not _follows_trial(family, json.loads(parameters))
+            for family, parameters in zip(others["family"], others["parameters"], strict=True)
+        ]
+        others = others[np.array(alike, dtype=np.bool_)]
+        return others.index[~others.duplicated(["family", "parameters"])].to_numpy(np.int64)
 
     def where(self, **values: Any) -> NDArray[np.int64]:
         """Rows with these values in these columns, whose judgments are all known."""
@@ -98,6 +103,14 @@ class Judged:
                 return np.empty(0, np.int64)
             same &= (self.rows[column] == value).to_numpy()
         return np.flatnonzero(same)
+
+
+def _follows_trial(family: str, parameters: Mapping[str, Any]) -> bool:
+    """Whether a model's judgments depend on the trial's liquid; yes if it isn't known here."""
+    try:
+        return MODELS.get(family).follows_trial(parameters)
+    except InputError:
+        return True
 
 
 def judged_from(tables: Iterable[pd.DataFrame], scenes: Sequence[Scene]) -> Judged:
@@ -168,7 +181,7 @@ def judge_in_study(
     name: str,
     *,
     workers: int | None = None,
-    report: Callable[[SweepProgress], None] | None = None,
+    report: SweepReport = no_sweep_report,
 ) -> dict[Request, Array]:
     """Judgments of models; simulations go through the study's store, and none is done twice.
 
@@ -218,7 +231,7 @@ def sweep_in_study(
     grid: Grid,
     *,
     workers: int | None = None,
-    report: Callable[[SweepProgress], None] | None = None,
+    report: SweepReport = no_sweep_report,
 ) -> SweepResult:
     """Run a grid over a study's scenes here; see `judge_in_study` and `sweep.run.run_sweep`."""
     store = Store(study / "sweep")
@@ -239,8 +252,6 @@ def grid_text(requests: Sequence[Request], scene: Scene) -> str:
     return "\n\n".join(entries) + "\n"
 
 
-def sweep_words(report: Report | None, what: str) -> Callable[[SweepProgress], None] | None:
+def sweep_words(report: Report, what: str) -> SweepReport:
     """Tell of a sweep as of any other work."""
-    if report is None:
-        return None
     return lambda now: report(what, now.simulations, now.all_simulations)

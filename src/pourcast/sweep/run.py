@@ -48,7 +48,12 @@ class SweepProgress:
     failed: int
 
 
-Report = Callable[[SweepProgress], None]
+SweepReport = Callable[[SweepProgress], None]
+"""Called with where a sweep is, now and then."""
+
+
+def no_sweep_report(now: SweepProgress) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ def run_sweep(
     open_executor: Callable[[], Executor],
     *,
     attempts: int = ATTEMPTS,
-    report: Report | None = None,
+    report: SweepReport = no_sweep_report,
 ) -> SweepResult:
     """Do what is left of a plan, and gather the table.
 
@@ -140,7 +145,7 @@ def _drive(
     executor: Executor,
     shards: Sequence[Shard],
     attempts: int,
-    report: Report | None,
+    report: SweepReport,
 ) -> list[Failure]:
     """Do shards, again if they fail; returns those that were given up."""
     named = {shard.id: shard for shard in shards}
@@ -171,7 +176,7 @@ def _drive(
 class _Tally:
     """Counts what is done, and reports it."""
 
-    def __init__(self, shards: Sequence[Shard], report: Report | None) -> None:
+    def __init__(self, shards: Sequence[Shard], report: SweepReport) -> None:
         self._report = report
         self._all = len(shards), sum(s.simulations for s in shards), sum(s.seconds for s in shards)
         self._shards = self._simulations = self.failed = 0
@@ -187,8 +192,6 @@ class _Tally:
 
     def tell(self, simulations: int = 0, seconds: float = 0.0) -> None:
         self._under_way = self._under_way[0] + simulations, self._under_way[1] + seconds
-        if self._report is None:
-            return
         all_shards, all_simulations, all_seconds = self._all
         self._report(
             SweepProgress(

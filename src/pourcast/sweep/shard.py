@@ -16,11 +16,15 @@ from pourcast.simulation.settings import EngineSettings
 from pourcast.sweep.plan import Plan, Shard, Span
 from pourcast.sweep.settings import JudgeSetting, Setting
 from pourcast.sweep.store import SCHEMA, Store
-from pourcast.sweep.task import OnWork, TaskResult, told
+from pourcast.sweep.task import OnWork, TaskResult, no_work, told
 from pourcast.sweep.trajectories import write_trajectories
 
 OnDone = Callable[[int], None]
 """Called with the number of simulations that were done since the last call."""
+
+
+def nobody(done: int) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +58,8 @@ class ShardTask:
         """Name of the shard."""
         return self.shard.id
 
-    def run(self, on_work: OnWork | None = None) -> TaskResult:
+    def run(self, on_work: OnWork = no_work) -> TaskResult:
         """Do the shard; see `run_shard`."""
-        if on_work is None:
-            return run_shard(self)
         each = self.shard.seconds / self.shard.simulations
         return run_shard(self, lambda done: on_work(done, done * each))
 
@@ -84,7 +86,7 @@ def task_of(plan: Plan, shard: Shard, store: Path) -> ShardTask:
     )
 
 
-def run_shard(task: ShardTask, on_done: OnDone | None = None) -> TaskResult:
+def run_shard(task: ShardTask, on_done: OnDone = nobody) -> TaskResult:
     """Do a shard unless it is done or somebody is at it; never raises an ordinary error.
 
     Parameters
@@ -118,7 +120,7 @@ class _Row(NamedTuple):
     pour: Pour | None
 
 
-def _do(task: ShardTask, store: Store, on_done: OnDone | None) -> None:
+def _do(task: ShardTask, store: Store, on_done: OnDone) -> None:
     if task.engine != engine_version():
         raise RuntimeError("the worker has another version of pourcast than the planner")
     table, outcomes = compute(task, on_done=on_done)
@@ -128,7 +130,7 @@ def _do(task: ShardTask, store: Store, on_done: OnDone | None) -> None:
 
 
 def compute(
-    task: ShardTask, *, threads: int = 1, on_done: OnDone | None = None
+    task: ShardTask, *, threads: int = 1, on_done: OnDone = nobody
 ) -> tuple[pa.Table, list[Outcome | None]]:
     """Do the work of a shard, and keep nothing.
 
@@ -151,8 +153,7 @@ def compute(
 
     def progress(done: int, _total: int) -> None:
         nonlocal seen
-        if on_done is not None:
-            on_done(done - seen)
+        on_done(done - seen)
         seen = done
 
     pours = [row.pour for row in rows if row.pour is not None]
@@ -172,7 +173,7 @@ def _rows(task: ShardTask) -> Iterator[_Row]:
 
 
 def _judgments(
-    task: ShardTask, rows: Sequence[_Row], on_done: OnDone | None
+    task: ShardTask, rows: Sequence[_Row], on_done: OnDone
 ) -> dict[tuple[int, int], float]:
     """Judgments of the models that don't pour: (setting, scene) -> value."""
     asked: dict[int, list[int]] = {}
@@ -186,8 +187,7 @@ def _judgments(
         scenes = [task.scenes[k] for k in members]
         values = setting.model.judge(scenes, setting.liquid, setting.seed)
         found.update({(place, k): float(v) for k, v in zip(members, values, strict=True)})
-        if on_done is not None:
-            on_done(len(members))
+        on_done(len(members))
     return found
 
 

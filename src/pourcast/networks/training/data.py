@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.scenes.scene import Scene
@@ -172,7 +172,7 @@ def truth_labels(
     if liquid not in LABELS:
         raise InputError(f"liquid: expected {' or '.join(LABELS)}, found {liquid!r}")
     asked = (liquid, LABELS[liquid])
-    tell = sweep_words(report, f"labelling with {liquid}")
+    tell = sweep_words(report or no_report, f"labelling with {liquid}")
     found = judge_in_study(
         folder, scenes, [asked], f"labels-{liquid}", workers=workers, report=tell
     )
