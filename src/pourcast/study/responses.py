@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 from pourcast.errors import InputError, unknown
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.tables import FIRST_ROW, numbers_in, read_table, refuse_rows, require_columns
 
 REQUIRED = ("participant", "scene", "liquid", "response")
 
 TEST, ATTENTION = "test", "attention"
 """Phases: trials that are compared, and attention checks."""
-
-_FIRST_ROW = 2
-"""Row of a spreadsheet or text editor that the first trial stands in, after the header."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,8 @@ def read_responses(path: Path, scenes: Sequence[Scene], *, percent: bool = False
 
     See `check_responses`.
     """
-    return check_responses(_load(path), path, scenes, percent=percent)
+    table = read_table(path, text=("participant", "scene"))
+    return check_responses(table, path, scenes, percent=percent)
 
 
 def check_responses(
@@ -108,14 +107,9 @@ def check_responses(
     InputError
         One line that names the row, the column and what was expected.
     """
-    missing = [name for name in REQUIRED if name not in table.columns]
-    if missing:
-        raise InputError(
-            f"{path}: column {missing[0]!r} is missing; expected {', '.join(REQUIRED)}, "
-            f"found {', '.join(map(str, table.columns))}"
-        )
+    require_columns(path, table, REQUIRED)
     blank = table.isna().all(axis=1)
-    table = table.assign(row=np.arange(len(table)) + _FIRST_ROW)[~blank]
+    table = table.assign(row=np.arange(len(table)) + FIRST_ROW)[~blank]
     if table.empty:
         raise InputError(f"{path}: no rows, expected one a trial")
     for name in ("participant", "scene", "liquid"):
@@ -135,20 +129,6 @@ def check_responses(
     return _with_known_scenes(path, table, scenes)
 
 
-def _load(path: Path) -> pd.DataFrame:
-    suffix = path.suffix.lower()
-    if suffix not in (".csv", ".parquet"):
-        raise InputError(f"{path}: expected a .csv or .parquet file")
-    try:
-        if suffix == ".parquet":
-            return pd.read_parquet(path)
-        return pd.read_csv(path, dtype={"participant": str, "scene": str}, skip_blank_lines=False)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a table ({error})") from None
-
-
 def _text(value: Any) -> str:
     whole = isinstance(value, float) and value.is_integer()
     return str(int(value)) if whole else str(value).strip()
@@ -157,27 +137,13 @@ def _text(value: Any) -> str:
 def _refuse(
     path: Path, table: pd.DataFrame, column: str, wrong: "pd.Series[bool]", expected: str
 ) -> None:
-    """Raise for the first row that is wrong, if any."""
-    rows = np.flatnonzero(wrong.to_numpy())
-    if len(rows):
-        value = table[column].iloc[rows[0]]
-        found = f"{value:g}" if isinstance(value, float) else repr(value)
-        more = f" (and {len(rows) - 1} more rows)" if len(rows) > 1 else ""
-        raise InputError(
-            f"{path}: row {table['row'].iloc[rows[0]]}, column {column}: {expected}, "
-            f"found {found}{more}"
-        )
+    refuse_rows(path, table, column, wrong, expected, table["row"].to_list())
 
 
 def _numbers(
     path: Path, table: pd.DataFrame, column: str, needed: "pd.Series[bool] | None" = None
 ) -> "pd.Series[float]":
-    numbers = pd.to_numeric(table[column], errors="coerce")
-    wrong = numbers.isna() & table[column].notna()
-    if needed is not None:
-        wrong |= numbers.isna() & needed
-    _refuse(path, table, column, wrong, "expected a number")
-    return numbers.astype(float)
+    return numbers_in(path, table, column, needed, table["row"].to_list())
 
 
 def _flags(path: Path, table: pd.DataFrame, column: str) -> "pd.Series[bool]":

@@ -17,15 +17,27 @@ from pourcast.progress import Report
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.sweep.executors.choose import ClusterOptions, make_executor
-from pourcast.sweep.grid import Grid, parse_grid
+from pourcast.sweep.grid import Grid, GridFile, GridModels, make_grid
 from pourcast.sweep.plan import make_plan
 from pourcast.sweep.run import SweepReport, SweepResult, no_sweep_report, run_sweep
 from pourcast.sweep.store import Store
+from pourcast.tables import (
+    TABLE_SUFFIXES,
+    numbers_in,
+    read_table,
+    refuse_rows,
+    require_columns,
+)
 
 Array = NDArray[np.float64]
 
 Request = tuple[str, str]
 """Liquid of the trials, and spec of a model."""
+
+SMALL_WORK = 3.0
+"""Work that is done without other processes [s of one core]; they take over a second to start."""
+
+TEXT_COLUMNS = ("scene", "digest", "liquid", "model", "parameters")
 
 COLUMNS = ["digest", "liquid", "model", "parameters", "seed", "judgment"]
 
@@ -159,19 +171,44 @@ def read_judged(study: Path, scenes: Sequence[Scene]) -> Judged:
     Raises
     ------
     InputError
-        If a table can't be read.
+        If a table can't be read; names file, row and column of what is wrong.
     """
-    found = []
-    for path in sorted((study / "judgments").glob("*")):
-        if path.suffix not in (".csv", ".parquet") or path.stem.endswith("-incomplete"):
-            continue
-        try:
-            reader = pd.read_csv if path.suffix == ".csv" else pd.read_parquet
-            found.append(reader(path))
-            found[-1][COLUMNS]
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(f"{path}: not a table of judgments ({error})") from None
-    return judged_from(found, scenes)
+    paths = sorted((study / "judgments").glob("*"))
+    tables = [
+        read_judgments(path)
+        for path in paths
+        if path.suffix in TABLE_SUFFIXES and not path.stem.endswith("-incomplete")
+    ]
+    return judged_from(tables, scenes)
+
+
+def read_judgments(path: Path) -> pd.DataFrame:
+    """Read a table of judgments, as `prediction.predict` or a sweep makes it, and check it.
+
+    Raises
+    ------
+    InputError
+        One line that names the row, the column and what was expected.
+    """
+    table = read_table(path, text=TEXT_COLUMNS)
+    require_columns(path, table, COLUMNS)
+    for column in TEXT_COLUMNS[1:]:
+        refuse_rows(path, table, column, table[column].isna(), "expected text")
+    broken = [text for text in table["parameters"].unique() if not _is_json_object(text)]
+    wrong = table["parameters"].isin(broken)
+    refuse_rows(path, table, "parameters", wrong, "expected a JSON object")
+    table["seed"] = numbers_in(path, table, "seed", table["seed"].isna())
+    table["judgment"] = numbers_in(path, table, "judgment")
+    outside = ~table["judgment"].between(0.0, 1.0) & table["judgment"].notna()
+    refuse_rows(path, table, "judgment", outside, "expected 0..1")
+    return table
+
+
+def _is_json_object(text: str) -> bool:
+    try:
+        return isinstance(json.loads(text), dict)
+    except ValueError:
+        return False
 
 
 def judge_in_study(
@@ -209,8 +246,9 @@ def judge_in_study(
     """
     if not requests:
         return {}
-    grid = parse_grid(grid_text(requests, scenes[0]), name, name)
-    result = sweep_in_study(study, scenes, grid, workers=workers, report=report)
+    result = sweep_in_study(
+        study, scenes, grid_of(requests, scenes[0], name), workers=workers, report=report
+    )
     if result.failures:
         raise StoreError(f"{study}: {result.failures[0].message}")
     judged = judged_from([result.table], scenes)
@@ -233,23 +271,36 @@ def sweep_in_study(
     workers: int | None = None,
     report: SweepReport = no_sweep_report,
 ) -> SweepResult:
-    """Run a grid over a study's scenes here; see `judge_in_study` and `sweep.run.run_sweep`."""
+    """Run a grid over a study's scenes here; see `judge_in_study` and `sweep.run.run_sweep`.
+
+    Small work is done in this process: others take longer to start.
+    """
     store = Store(study / "sweep")
     opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
-    return run_sweep(make_plan(grid, scenes), store, opened, report=report)
+    return run_sweep(
+        make_plan(grid, scenes), store, opened, in_process_below=SMALL_WORK, report=report
+    )
 
 
-def grid_text(requests: Sequence[Request], scene: Scene) -> str:
-    """TOML of a grid that asks for some models."""
+def grid_of(requests: Sequence[Request], scene: Scene, name: str) -> Grid:
+    """A grid that asks for some models.
+
+    Parameters
+    ----------
+    requests
+        Liquids of trials and specs of models.
+    scene
+        One of the scenes that are to be judged.
+    name
+        Name of the grid.
+    """
     entries = []
     for liquid, spec in requests:
         make_model(spec)
         resolve_liquid(liquid, scene)
-        name, values = parse_spec(spec)
-        lines = ["[[models]]", f"model = {json.dumps(name)}", f"liquids = [{json.dumps(liquid)}]"]
-        lines += [f"parameters.{key} = {json.dumps(value)}" for key, value in values.items()]
-        entries.append("\n".join(lines))
-    return "\n\n".join(entries) + "\n"
+        model, values = parse_spec(spec)
+        entries.append(GridModels(model=model, liquids=(liquid,), parameters=dict(values)))
+    return make_grid(name, GridFile(models=tuple(entries)))
 
 
 def sweep_words(report: Report, what: str) -> SweepReport:

@@ -11,6 +11,7 @@ import pandas as pd
 from pourcast.errors import StoreError
 from pourcast.extras import optional_module
 from pourcast.sweep.executors import Executor
+from pourcast.sweep.executors.in_process import InProcessExecutor
 from pourcast.sweep.plan import Plan, Shard
 from pourcast.sweep.shard import run_shard, task_of
 from pourcast.sweep.store import Damage, Failure, Store
@@ -78,6 +79,7 @@ def run_sweep(
     open_executor: Callable[[], Executor],
     *,
     attempts: int = ATTEMPTS,
+    in_process_below: float = 0.0,
     report: SweepReport = no_sweep_report,
 ) -> SweepResult:
     """Do what is left of a plan, and gather the table.
@@ -93,6 +95,8 @@ def run_sweep(
         at the end.
     attempts
         How often a shard is tried before it is given up; the others go on.
+    in_process_below
+        If less rough work is left [s of one core], it is done here and now.
     report
         Told of the progress.
 
@@ -112,7 +116,9 @@ def run_sweep(
     damaged = list(before.damaged)
     failures: list[Failure] = []
     if before.left:
-        with closing(open_executor()) as executor:
+        work = sum(shard.seconds for shard in before.left)
+        here = work < in_process_below
+        with closing(InProcessExecutor() if here else open_executor()) as executor:
             # Again if a file was damaged as soon as it was written, but not for ever.
             for _ in range(attempts):
                 failures = _drive(plan, store, executor, left.left, attempts, report)

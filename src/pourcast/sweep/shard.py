@@ -11,11 +11,11 @@ import pyarrow as pa
 from pourcast.errors import StoreError
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Outcome, Pour
-from pourcast.simulation.run import engine_version, simulate
+from pourcast.simulation.run import simulate
 from pourcast.simulation.settings import EngineSettings
 from pourcast.sweep.plan import Plan, Shard, Span
-from pourcast.sweep.settings import JudgeSetting, Setting
-from pourcast.sweep.store import SCHEMA, Store
+from pourcast.sweep.settings import JudgeSetting, Setting, goal_version
+from pourcast.sweep.store import SCHEMA, Store, version_of_row
 from pourcast.sweep.task import OnWork, TaskResult, no_work, told
 from pourcast.sweep.trajectories import write_trajectories
 
@@ -37,10 +37,10 @@ class ShardTask:
         The shard; its spans count in `settings` and `scenes` below.
     store
         Folder of the store; the worker sees it under the same name.
-    settings, scenes
-        Those that occur in the shard, and their digests.
-    engine
-        Version of the engine that planned it.
+    settings, scenes, digests
+        Those that occur in the shard, and the scenes' digests.
+    versions
+        State of the code of each setting, and of each scene's goal, where it was planned.
     trajectories
         Whether to keep the particles' paths.
     """
@@ -50,7 +50,7 @@ class ShardTask:
     settings: tuple[Setting, ...]
     scenes: tuple[Scene, ...]
     digests: tuple[str, ...]
-    engine: str
+    versions: tuple[tuple[str, ...], tuple[str, ...]]
     trajectories: bool
 
     @property
@@ -81,7 +81,10 @@ def task_of(plan: Plan, shard: Shard, store: Path) -> ShardTask:
         settings=tuple(plan.settings[k] for k in settings),
         scenes=tuple(plan.scenes[k] for k in scenes),
         digests=tuple(plan.scene_digests[k] for k in scenes),
-        engine=engine_version(),
+        versions=(
+            tuple(plan.settings[k].version for k in settings),
+            tuple(plan.goal_versions[k] for k in scenes),
+        ),
         trajectories=plan.trajectories,
     )
 
@@ -121,7 +124,11 @@ class _Row(NamedTuple):
 
 
 def _do(task: ShardTask, store: Store, on_done: OnDone) -> None:
-    if task.engine != engine_version():
+    here = (
+        tuple(setting.version for setting in task.settings),
+        tuple(goal_version(type(scene.goal)) for scene in task.scenes),
+    )
+    if task.versions != here:
         raise RuntimeError("the worker has another version of pourcast than the planner")
     table, outcomes = compute(task, on_done=on_done)
     if task.trajectories and any(outcomes):
@@ -198,6 +205,8 @@ def _table(
     judgments: dict[tuple[int, int], float],
 ) -> pa.Table:
     identities = [setting.identity for setting in task.settings]
+    settings, goals = task.versions
+    versions = [version_of_row(settings[row.setting], goals[row.scene]) for row in rows]
     columns = {
         "scene": pa.DictionaryArray.from_arrays(
             pa.array([row.scene for row in rows], pa.int32()), pa.array(task.digests)
@@ -205,9 +214,7 @@ def _table(
         "setting": pa.DictionaryArray.from_arrays(
             pa.array([row.setting for row in rows], pa.int32()), pa.array(identities)
         ),
-        "engine": pa.DictionaryArray.from_arrays(
-            pa.array([0] * len(rows), pa.int32()), pa.array([task.engine])
-        ),
+        "engine": pa.array(versions).dictionary_encode(),
         "draw": [row.draw for row in rows],
         "judgment": [
             judgments[row.setting, row.scene] if outcome is None else outcome.judgment
