@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pourcast.comparison import choice, planning
+from pourcast.comparison import choice, recovery
 from pourcast.comparison.agreement import (
     Compared,
     Settings,
@@ -156,7 +156,7 @@ def interval_widths(level):
         "cross-validation": choice.cross_validation_table(sets, settings, halvings=200),
         "carried": choice.carried_table([carried], chosen, settings),
         "variance": variance_table(window_variances(judged, "water", settings)),
-        "power": planning.power_table(
+        "power": recovery.power_table(
             people.models, observers=[3, 9], scenes=[10], studies=8, population=Population(),
             resampled="both", level=level, seed=0,
         ),

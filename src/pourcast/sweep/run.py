@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from pourcast.errors import StoreError
+from pourcast.errors import InputError, StoreError
 from pourcast.extras import optional_module
 from pourcast.sweep.executors import Executor
 from pourcast.sweep.executors.in_process import InProcessExecutor
@@ -211,6 +211,40 @@ class _Tally:
                 failed=self.failed,
             )
         )
+
+
+def parse_part(text: str, shard_count: int) -> tuple[int, int]:
+    """Which shards a task of a job array does, from what it was told.
+
+    Parameters
+    ----------
+    text
+        ``I``, the number of one shard, or ``I/K``, every K-th from number I on.
+    shard_count
+        Number of shards.
+
+    Returns
+    -------
+    part, parts
+        As for `run_part`.
+
+    Raises
+    ------
+    InputError
+        If it is anything else, or there is no such shard.
+
+    Examples
+    --------
+    >>> parse_part("3", 100), parse_part("3/10", 100)
+    ((3, 100), (3, 10))
+    """
+    first, slash, step = text.partition("/")
+    parts = shard_count if not slash else int(step) if step.isdecimal() else 0
+    if not first.isdecimal() or parts < 1 or int(first) >= parts:
+        raise InputError(
+            f"shard: expected a number from 0 to {shard_count - 1}, or I/K, found {text!r}"
+        )
+    return int(first), parts
 
 
 def run_part(plan: Plan, store: Store, part: int, parts: int) -> Iterator[TaskResult]:

@@ -1,19 +1,23 @@
 """What a design could have told apart: recovery of parameters and models, and power, as tables."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError, unknown
-from pourcast.models.registry import family_of, make_model, name_of
+from pourcast.models.registry import complete_presets, family_of, make_model, name_of
+from pourcast.observers.responses import HEADS
 from pourcast.progress import Progress, Report, no_report
+from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.statistics.bootstrap import Resampled
 from pourcast.statistics.observer import Population
 from pourcast.statistics.recovery import confusion, power_of, recover_parameters
-from pourcast.sweep.judged import OWN_ALPHA, Judged, columns_of
+from pourcast.study.folder import study_scenes
+from pourcast.sweep.judged import OWN_ALPHA, Judged, columns_of, judge_in_study, read_judged
 
 Array = NDArray[np.float64]
 
@@ -166,3 +170,163 @@ def power_table(
         )  # fmt: skip
         rows.append({"observers": people, "scenes": shown, **vars(found)})
     return pd.DataFrame(rows)
+
+
+# Of a study -----------------------------------------------------------------------------
+
+OPPONENTS = ("water-ife", "water-marble")
+"""Models that are told apart unless others are named."""
+
+OBSERVER_COUNTS = (5, 10, 20, 40)
+"""Sizes of studies whose power is computed unless others are named."""
+
+_GRID = "recovery"
+"""Name by which the study's store keeps what was judged for this."""
+
+
+class Recovery(NamedTuple):
+    """What a study could have told apart: in words whose, and the table."""
+
+    title: str
+    table: pd.DataFrame
+
+
+def recover_parameter(
+    study: Path,
+    parameter: str,
+    liquid: str,
+    spec: str | None = None,
+    *,
+    observers: int,
+    studies: int,
+    population: Population,
+    spread: float,
+    seed: int,
+    report: Report = no_report,
+) -> Recovery:
+    """Plant each value of a parameter that was swept in a study; see `parameter_recovery_table`.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    parameter
+        The parameter.
+    liquid
+        Liquid of the trials.
+    spec
+        The model; by default the one that simulated observers have in their heads.
+    observers, studies, population, spread, seed
+        As for `statistics.recovery.recover_parameters`.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If the study or the model is wrong, or too little was swept.
+    """
+    scenes, spec = study_scenes(study), spec or HEADS[liquid]
+    shown = resolve_liquid(liquid, scenes[0]).name
+    values, judgments = along(read_judged(study, scenes), shown, spec, parameter)
+    table = parameter_recovery_table(
+        values, judgments, observers=observers, studies=studies, population=population,
+        spread=spread, seed=seed, report=report,
+    )  # fmt: skip
+    return Recovery(f"{spec}: {parameter}", table)
+
+
+def recover_models(
+    study: Path,
+    liquid: str,
+    specs: Sequence[str] = (),
+    *,
+    observers: int,
+    studies: int,
+    population: Population,
+    seed: int,
+    report: Report = no_report,
+) -> Recovery:
+    """Plant each of some models in a study; see `model_recovery_table`.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    liquid
+        Liquid of the trials.
+    specs
+        The models, at least two; all presets by default.
+    observers, studies, population, seed
+        As for `statistics.recovery.recover_parameters`.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If the study or a model is wrong.
+    """
+    scenes, specs = study_scenes(study), list(dict.fromkeys(specs or complete_presets()))
+    if len(specs) < 2:
+        raise InputError("model: expected at least two models to tell apart")
+    table = model_recovery_table(
+        _judged(study, liquid, specs), observers=observers, studies=studies,
+        population=population, seed=seed, report=report,
+    )  # fmt: skip
+    title = f"{liquid} trials: {observers} participants, {len(scenes)} scenes"
+    return Recovery(title, table)
+
+
+def study_power(
+    study: Path,
+    liquid: str,
+    specs: Sequence[str] = (),
+    *,
+    observers: Sequence[int] = (),
+    scenes: Sequence[int] = (),
+    studies: int,
+    population: Population,
+    resampled: Resampled,
+    level: float,
+    seed: int,
+    report: Report = no_report,
+) -> Recovery:
+    """Power to tell two models apart with a study's scenes; see `power_table`.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    liquid
+        Liquid of the trials.
+    specs
+        The model in people's heads, and its rival; `OPPONENTS` by default.
+    observers, scenes
+        Sizes; `OBSERVER_COUNTS`, and all scenes, by default.
+    studies, population, resampled, level, seed
+        As for `power_table`.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If the study or a model is wrong, or they are not two.
+    """
+    there, specs = study_scenes(study), list(specs or OPPONENTS)
+    if len(set(specs)) != 2 or len(specs) != 2:
+        raise InputError(f"model: expected two models to tell apart, found {len(specs)}")
+    table = power_table(
+        _judged(study, liquid, specs), observers=observers or OBSERVER_COUNTS,
+        scenes=scenes or [len(there)], studies=studies, population=population,
+        resampled=resampled, level=level, seed=seed, report=report,
+    )  # fmt: skip
+    return Recovery(f"{specs[0]} in people's heads, told from {specs[1]}", table)
+
+
+def _judged(study: Path, liquid: str, specs: Sequence[str]) -> dict[str, Array]:
+    """Judgments of models on a study's scenes, by their specs."""
+    requests = [(liquid, spec) for spec in specs]
+    judgments = judge_in_study(study, study_scenes(study), requests, _GRID)
+    return {spec: judgments[liquid, spec] for spec in specs}

@@ -1,20 +1,27 @@
 import numpy as np
 import pytest
 
-from pourcast.comparison.planning import (
+from pourcast.comparison import recovery
+from pourcast.comparison.recovery import (
     along,
     model_recovery_table,
     parameter_recovery_table,
     power_table,
+    recover_models,
+    recover_parameter,
+    study_power,
 )
 from pourcast.errors import InputError
 from pourcast.models.base import zeta_window
+from pourcast.observers.responses import HEADS
 from pourcast.scenes.liquids.registry import WATER
+from pourcast.scenes.scene_file import write_scenes
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.statistics.observer import Population
 from pourcast.sweep.judged import judged_from
-from tests.comparison.make import judgment_table, made_up, voronoi_scenes
+from pourcast.tables import write_table
+from tests.comparison.make import judgment_table, made_up, made_up_table, voronoi_scenes
 
 COMMON = {"population": Population(), "seed": 0}
 
@@ -121,3 +128,54 @@ def test_models_and_power():
     ]
     assert ((power["low"] <= power["power"]) & (power["power"] <= power["high"])).all()
     assert len(told) == 4
+
+
+# Of a study ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A study whose sweep is made up."""
+    study, scenes = tmp_path_factory.mktemp("study"), voronoi_scenes(6)
+    write_scenes(study / "scenes.json", scenes)
+    write_table(study / "judgments" / "grid.parquet", made_up_table(scenes))
+    return study
+
+
+SMALL = {"observers": 5, "studies": 4, **COMMON}
+
+
+def test_a_parameter_of_a_study_is_recovered_from_its_tables(folder):
+    found = recover_parameter(folder, "damping_zeta", "water", spread=0.0, **SMALL)
+    assert found.title == f"{HEADS['water']}: damping_zeta"
+    assert list(found.table.index) == list(range(17))
+    simple = recover_parameter(folder, "m", "honey", "simple:g=0", spread=0.0, **SMALL)
+    assert simple.title == "simple:g=0: m"
+    assert len(simple.table) == 11
+    assert not (folder / "sweep").exists()  # Nothing was simulated.
+
+
+def test_models_of_a_study_are_judged_and_told_apart(folder, monkeypatch):
+    monkeypatch.setattr(recovery, "complete_presets", lambda: ["gravity", "water-simple"])
+    found = recover_models(folder, "water", **SMALL)
+    assert found.title == "water trials: 5 participants, 6 scenes"
+    assert list(found.table.index) == ["gravity", "water-simple"]
+    assert found.table.sum(axis=1).to_numpy() == pytest.approx(np.ones(2))
+    with pytest.raises(InputError, match="expected at least two models to tell apart"):
+        recover_models(folder, "water", ["gravity", "gravity"], **SMALL)
+
+
+def test_power_of_a_study(folder, monkeypatch):
+    rest = {"studies": 2, "resampled": "both", "level": 0.9, **COMMON}
+    two = ["gravity", "water-simple"]
+    found = study_power(folder, "water", two, **rest)
+    assert found.title == "gravity in people's heads, told from water-simple"
+    assert list(found.table["observers"]) == list(recovery.OBSERVER_COUNTS)
+    assert set(found.table["scenes"]) == {6}
+    small = study_power(folder, "water", two, observers=[3], scenes=[3, 5], **rest).table
+    assert list(small["scenes"]) == [3, 5]
+    monkeypatch.setattr(recovery, "OPPONENTS", tuple(two))
+    assert study_power(folder, "water", **rest).table.equals(found.table)
+    for wrong in (["gravity"], ["gravity", "gravity"], [*two, "honey-simple"]):
+        with pytest.raises(InputError, match="expected two models to tell apart"):
+            study_power(folder, "water", wrong, **rest)
