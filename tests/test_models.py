@@ -78,6 +78,17 @@ def test_a_mirrored_scene_has_a_mirrored_judgment(name):
     assert abs(np.mean(here - expected)) < 0.04
 
 
+@pytest.mark.parametrize("name", SMALL)
+def test_a_model_that_is_said_not_to_follow_the_trial_does_not(name):
+    for liquid in ("trial", "water", "honey"):
+        spec = SMALL[name]
+        if "liquid" in make_model(spec).parameters():
+            spec += f",liquid={liquid}"
+        model, scenes = make_model(spec), random_scenes(4, seed=11)
+        same = (model.judge(scenes, WATER, 1) == model.judge(scenes, HONEY_EXP1, 1)).all()
+        assert same == (not type(model).follows_trial(model.parameters())), spec
+
+
 SHARING = [n for n in SMALL if getattr(MODELS.get(n), "same_pours_everywhere", False)]
 
 

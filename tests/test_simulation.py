@@ -1,8 +1,11 @@
 """From scenes to the engine: settings, errors, and the books of a batch."""
 
+import threading
+
 import numpy as np
 import pytest
 
+from pourcast.engine import batch
 from pourcast.engine.batch import available_cores, run_batch
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.errors import InputError, SimulationDivergedError
@@ -42,6 +45,26 @@ def test_a_step_that_is_too_long_is_reported_not_returned():
     wild = EngineSettings(step=0.02, courant=1e20, sound_speed=1e12)
     with pytest.raises(SimulationDivergedError, match="the time step 0\\.0166667 s is too long"):
         simulate([Pour(ramp_scene(), WATER, 50)], settings=wild)
+
+
+def test_an_error_in_the_second_worker_is_told_before_the_first_has_done_the_rest(monkeypatch):
+    advance, workers, done = batch._advance, [], []
+    both = threading.Barrier(2, timeout=60)
+
+    def fail_in_the_second(*arguments, **options):
+        worker = threading.get_ident()
+        if worker not in workers:
+            workers.append(worker)
+            both.wait()
+        if worker == workers[1]:
+            raise SimulationDivergedError("the second worker's")
+        advance(*arguments, **options)
+
+    monkeypatch.setattr(batch, "_advance", fail_in_the_second)
+    pours = [Pour(ramp_scene(), WATER, 5)] * 500
+    with pytest.raises(SimulationDivergedError, match="the second worker's"):
+        simulate(pours, threads=2, progress=lambda count, _: done.append(count))
+    assert len(done) < 250
 
 
 def test_nothing_to_do_is_done():

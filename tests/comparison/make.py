@@ -32,24 +32,27 @@ def smooth(rng, scenes, values):
     return np.clip(start + (end - start) * share + (bend - 0.5) * np.sin(np.pi * share), 0, 1)
 
 
+def judgment_table(scenes, spec, judgments, liquid):
+    """Rows of a table of judgments: one model, trials with one liquid."""
+    return pd.DataFrame(
+        {
+            "scene": [scene.id for scene in scenes],
+            "digest": [scene.digest for scene in scenes],
+            "liquid": liquid,
+            "model": spec.partition(":")[0],
+            "parameters": json.dumps(make_model(spec).parameters()),
+            "seed": 0,
+            "judgment": judgments,
+        }
+    )
+
+
 def made_up_table(scenes, seed=0, n_noise=0.05):
     """A sweep's table: every family that is fitted, judgments made up."""
     rng, tables = np.random.default_rng(seed), []
 
     def add(spec, judgments, liquid="water"):
-        tables.append(
-            pd.DataFrame(
-                {
-                    "scene": [scene.id for scene in scenes],
-                    "digest": [scene.digest for scene in scenes],
-                    "liquid": liquid,
-                    "model": spec.partition(":")[0],
-                    "parameters": json.dumps(make_model(spec).parameters()),
-                    "seed": 0,
-                    "judgment": judgments,
-                }
-            )
-        )
+        tables.append(judgment_table(scenes, spec, judgments, liquid))
 
     for head, base in (
         ("water", smooth(rng, len(scenes), ZETAS)),

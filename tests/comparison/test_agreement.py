@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from pourcast.comparison import choice, recovery
 from pourcast.comparison.agreement import (
     Compared,
     Settings,
@@ -12,6 +13,7 @@ from pourcast.comparison.agreement import (
     reliability_table,
 )
 from pourcast.comparison.window import variance_table, variance_tests, window_variances
+from pourcast.statistics.observer import Population
 from tests.comparison.make import made_up, people_like, voronoi_scenes
 
 SETTINGS = Settings(resamples=2000)
@@ -132,6 +134,55 @@ def test_scene_by_scene():
     table = people_table([one])
     assert table["mean"].to_numpy() == pytest.approx(one.trials.responses.mean(axis=0))
     assert table["near"].to_numpy() == pytest.approx(one.models["near"])
+
+
+def interval_widths(level):
+    """Name -> widths of every interval that a comparison makes, from the same resamples."""
+    settings = Settings(resamples=2000, level=level)
+    scenes, judged = made_up(20)
+    people = Compared(
+        people_like(scenes, judged.judgments[0], noise=0.2),
+        {"water-ife": judged.judgments[3], "other": judged.judgments[40]},
+    )
+    sets = choice.candidates(judged, [people.trials])
+    chosen = choice.choice_table(sets, settings)
+    carried = type(people)(people.trials, dict.fromkeys(chosen["spec"], judged.judgments[3]))
+    tables = {
+        "agreement": agreement_table(people, settings),
+        "intervals": intervals_table(people, settings),
+        "differences": differences_table(people, settings),
+        "reliability": reliability_table([people.trials], settings),
+        "choice": chosen,
+        "cross-validation": choice.cross_validation_table(sets, settings, halvings=200),
+        "carried": choice.carried_table([carried], chosen, settings),
+        "variance": variance_table(window_variances(judged, "water", settings)),
+        "power": recovery.power_table(
+            people.models, observers=[3, 9], scenes=[10], studies=8, population=Population(),
+            resampled="both", level=level, seed=0,
+        ),
+    }  # fmt: skip
+    return {
+        f"{name} {high}": (table[high] - table[high.replace("high", "low")]).to_numpy()
+        for name, table in tables.items()
+        for high in table.columns
+        if high.endswith("high")
+    }
+
+
+def test_every_interval_has_the_level_that_was_asked_for():
+    wide, narrow = interval_widths(0.95), interval_widths(0.5)
+    assert len(wide) >= 15
+    for name, widths in wide.items():
+        assert (narrow[name] < 0.7 * widths).all(), name
+
+
+def test_who_beats_chance_depends_on_the_level():
+    one = compared(noise=0.5)
+    beat = [
+        individuals([one], Settings(resamples=200, level=level)).summary()["beat_chance"].iloc[0]
+        for level in (0.5, 0.95)
+    ]
+    assert beat[0] > beat[1]
 
 
 def test_same_seed_same_table():

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from pourcast.statistics.bayes import PARAMETERS, ResponseModel, Sampling, compare_models
-from tests.statistics.test_likelihood import TRUE, draw
+from tests.statistics.test_likelihood import TRUE, draw, ordered_beta_log_density
 
 
 def test_the_density_is_that_of_numpy():
     from pourcast.statistics.bayes import _log_density
-    from pourcast.statistics.likelihood import ordered_beta_log_density
 
     rng = np.random.default_rng(0)
     answers, eta = np.append(rng.random(50), [0.0, 1.0]), rng.normal(0, 1.5, 52)
@@ -46,6 +45,11 @@ def test_the_true_model_wins():
     true = found.parameters[found.parameters["model"] == "true"]
     assert (true["r_hat"] < 1.15).all()
     assert true["parameter"].tolist() == list(PARAMETERS)
+    narrow = compare_models(answers, models, Sampling(warmup=250, draws=250, chains=2), level=0.5)
+    widths, narrower = (
+        (table["high"] - table["low"]).to_numpy() for table in (found.parameters, narrow.parameters)
+    )
+    assert (narrower < 0.6 * widths).all()
 
 
 @pytest.mark.slow

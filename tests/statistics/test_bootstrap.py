@@ -17,7 +17,7 @@ def test_over_scenes_as_scipy_bootstraps():
     truth, responses = study()
     means = responses.mean(axis=0)
     drawn = resample(responses, "scenes", np.random.default_rng(1), 20_000)
-    low, high = interval(pearson(drawn.means, truth[None], drawn.weights)[:, 0])
+    low, high = interval(pearson(drawn.means, truth[None], drawn.weights)[:, 0], 0.95)
     theirs = stats.bootstrap(
         (means, truth), lambda x, y: stats.pearsonr(x, y).statistic, paired=True, vectorized=False,
         n_resamples=4000, method="percentile", rng=np.random.default_rng(2),
@@ -30,7 +30,7 @@ def test_over_participants_as_a_loop_says():
     truth, responses = study(people=6)
     responses[2, 5] = responses[4, 5] = np.nan
     drawn = resample(responses, "participants", np.random.default_rng(1), 4000)
-    low, high = interval(pearson(drawn.means, truth[None], drawn.weights)[:, 0])
+    low, high = interval(pearson(drawn.means, truth[None], drawn.weights)[:, 0], 0.95)
     rng, loop = np.random.default_rng(5), []
     for _ in range(4000):
         drawn = responses[rng.integers(0, 6, 6)]
@@ -58,7 +58,7 @@ def test_fisher_intervals_in_the_gaussian_case():
     x = rng.standard_normal(n)
     y = 0.7 * x + np.sqrt(1 - 0.49) * rng.standard_normal(n)
     drawn = resample(y[None], "scenes", rng, 10_000)
-    low, high = interval(pearson(drawn.means, x[None], drawn.weights)[:, 0])
+    low, high = interval(pearson(drawn.means, x[None], drawn.weights)[:, 0], 0.95)
     r = np.corrcoef(x, y)[0, 1]
     fisher = np.tanh(np.arctanh(r) + np.array([-1.96, 1.96]) / np.sqrt(n - 3))
     assert (low, high) == pytest.approx(fisher, abs=0.012)
@@ -71,7 +71,7 @@ def test_intervals_over_scenes_cover_the_true_correlation():
         x = rng.standard_normal(n)
         y = rho * x + np.sqrt(1 - rho**2) * rng.standard_normal(n)
         drawn = resample(y[None], "scenes", rng, 600)
-        low, high = interval(pearson(drawn.means, x[None], drawn.weights)[:, 0])
+        low, high = interval(pearson(drawn.means, x[None], drawn.weights)[:, 0], 0.95)
         covered += low <= rho <= high
     assert covered >= 182  # 190 expected; 182 is 2.6 standard errors below
 
@@ -81,7 +81,7 @@ def test_crossed_intervals_are_the_widest():
     widths = {}
     for resampled in ("participants", "scenes", "both"):
         drawn = resample(responses, resampled, np.random.default_rng(1), 4000)
-        low, high = interval(pearson(drawn.means, truth[None], drawn.weights)[:, 0])
+        low, high = interval(pearson(drawn.means, truth[None], drawn.weights)[:, 0], 0.95)
         widths[resampled] = high - low
     assert widths["both"] > widths["scenes"]
     assert widths["both"] > widths["participants"]
@@ -115,7 +115,7 @@ def test_the_paper_s_size_takes_little_more_than_its_products_of_matrices():
     def intervals():
         for resampled in ("participants", "scenes", "both"):
             drawn = resample(responses, resampled, rng, 10_000)
-            interval(agreement(drawn.means, models, drawn.weights).r)
+            interval(agreement(drawn.means, models, drawn.weights).r, 0.95)
 
     def products():
         people, scenes = (

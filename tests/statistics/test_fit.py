@@ -24,7 +24,7 @@ def test_flat_optimum():
     drawn = np.stack(
         [best, best - 0.05 + rng.normal(0, 0.01, 1000), best + rng.normal(0, 0.01, 1000)], axis=1
     )
-    assert flat(drawn, 0).tolist() == [True, False, True]
+    assert flat(drawn, 0, 0.95).tolist() == [True, False, True]
 
 
 def test_halves_are_halves():
@@ -37,7 +37,7 @@ def test_halves_are_halves():
 def test_variance_over_the_window():
     rng = np.random.default_rng(0)
     judgments = rng.normal(0.5, 0.1, (9, 200))
-    found = window_variance(judgments, rng)
+    found = window_variance(judgments, rng, 0.95)
     assert found.mean == pytest.approx(np.var(judgments, axis=0, ddof=1).mean())
     assert found.low < 0.01 < found.high
     t, df, p = unpaired_t(found.per_scene, found.per_scene * 2)

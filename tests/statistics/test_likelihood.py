@@ -1,9 +1,12 @@
+"""The density of single answers, in NumPy: the oracle of the one in JAX."""
+
 import numpy as np
 import pytest
 from scipy import integrate
-from scipy.special import expit
+from scipy.special import expit, log_expit
+from scipy.stats import beta
 
-from pourcast.statistics.likelihood import ordered_beta_log_density, predictor
+from pourcast.statistics.bayes import LAPSE_ENDS, predictor
 
 TRUE = {"intercept": 0.1, "slope": 0.6, "spread_intercept": 0.3, "spread_slope": 0.15,
         "precision": 8.0, "lapse": 0.04, "cut_low": -4.0, "cut_high": 4.0}  # fmt: skip
@@ -26,6 +29,43 @@ def draw(rng, people, judgments, true=TRUE):
     lapsed = rng.random(shape)
     lapsed = np.where(lapsed < 0.005, 0.0, np.where(lapsed > 0.995, 1.0, lapsed))
     return np.where(rng.random(shape) < true["lapse"], lapsed, answers)
+
+
+def ordered_beta_log_density(
+    answers: np.ndarray,
+    eta: np.ndarray,
+    precision: np.ndarray | float,
+    cuts: tuple[float, float],
+    lapse: float,
+) -> np.ndarray:
+    """Logarithm of the density of answers, or of their probability if they are 0 or 1.
+
+    Parameters
+    ----------
+    answers
+        In 0..1.
+    eta
+        Linear predictor, of the same shape.
+    precision
+        Of the beta density.
+    cuts
+        c1 and c2.
+    lapse
+        Share of lapses.
+    """
+    low, high = cuts
+    mean = expit(eta)
+    inner = np.clip(answers, 1e-6, 1.0 - 1e-6)
+    between = (
+        np.log(np.maximum(expit(eta - low) - expit(eta - high), 1e-300))
+        + beta.logpdf(inner, mean * precision, (1.0 - mean) * precision)
+    )  # fmt: skip
+    ends = np.where(answers <= 0.0, log_expit(low - eta), log_expit(eta - high))
+    at_end = (answers <= 0.0) | (answers >= 1.0)
+    with np.errstate(divide="ignore"):
+        attentive = np.log1p(-lapse) + np.where(at_end, ends, between)
+        lapsed = np.log(lapse) + np.where(at_end, np.log(LAPSE_ENDS / 2.0), np.log1p(-LAPSE_ENDS))
+    return np.logaddexp(attentive, lapsed)
 
 
 @pytest.mark.parametrize("eta", [-2.0, 0.0, 1.5])

@@ -4,20 +4,28 @@ import pytest
 
 from pourcast import cli
 from pourcast.errors import InputError
-from pourcast.sweep.grid import grid_names, parse_grid, read_grid
+from pourcast.sweep.grid import (
+    GridFile,
+    GridModels,
+    Range,
+    grid_names,
+    make_grid,
+    parse_grid,
+    read_grid,
+)
 from pourcast.sweep.plan import make_plan
 from pourcast.sweep.settings import PourSetting
 from tests.make import random_scenes
-from tests.sweep.make import small_grid, small_study
+from tests.sweep.make import SMALL, small_grid, small_study
 
 
 def models_of(text):
-    return [asked.model for asked in parse_grid(text, "g", "g.toml").asked()]
+    return [point.model for point in parse_grid(text, "g", "g.toml").points()]
 
 
 def test_a_grid_is_the_product_of_its_values():
     grid = small_grid()
-    asked = list(grid.asked())
+    asked = list(grid.points())
     assert len(asked) == 2 * 2 * 3 * 2 + 1 + 2 * 3 + 1
     assert len({(a.model, a.liquid, a.seed) for a in asked}) == len(asked)
     assert [a.model.damping_zeta for a in asked[:12:4]] == [4.0, 6.0, 8.0]
@@ -83,6 +91,27 @@ def test_trajectories_can_be_asked_for_later():
     assert grid.content.trajectories
     assert parse_grid(grid.text, "again", "again.toml").content == grid.content
     assert grid.with_trajectories() is grid
+    already_said = small_grid("trajectories = false\n" + SMALL).with_trajectories()
+    assert parse_grid(already_said.text, "again", "again.toml").content.trajectories
+
+
+def test_a_grid_is_an_object_whose_record_says_the_same():
+    names = '\U0001f30a \\ " \n \x7f'
+    entries = [
+        GridModels(model="simple", liquids=("honey",), seeds=(1, 2), parameters={"g": [0, 0.5]}),
+        GridModels(
+            model="ife", parameters={"n_particles": "15", "damping_zeta": Range(first=0, last=2, step=1)}
+        ),
+    ]  # fmt: skip
+    grid = make_grid("mine", GridFile(title=names, models=entries))
+    again = parse_grid(grid.text, "mine", "mine.toml")
+    assert again.content == grid.content
+    assert list(again.points()) == list(grid.points())
+    assert len(list(grid.points())) == 7
+    with pytest.raises(
+        InputError, match=r"^mine: models\[0\]: SimpleSim: g: expected 0 to 1, found 2"
+    ):
+        make_grid("mine", GridFile(models=[GridModels(model="simple", parameters={"g": 2})]))
 
 
 BAD = {

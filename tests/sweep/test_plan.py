@@ -67,15 +67,17 @@ def test_a_plan_depends_on_grid_and_scenes_alone():
 
 
 @pytest.mark.parametrize(
-    "change", ["scene", "parameter", "seed", "engine", "trajectories", "model"]
+    "change", ["scene", "parameter", "seed", "engine", "trajectories", "model", "goal"]
 )
 def test_a_shards_name_changes_with_all_that_determines_it(change, monkeypatch):
     text = 'shard_seconds = 1000\n[[models]]\nmodel = "simple"\n[[models]]\nmodel = "ife"\n'
     before = {shard.id for shard in small_plan(4, text).shards}
     if change == "engine":
-        monkeypatch.setattr(planning, "engine_version", lambda: "other")
+        monkeypatch.setattr("pourcast.sweep.settings.engine_version", lambda: "other")
     elif change == "model":
-        monkeypatch.setattr("pourcast.sweep.settings.model_source", lambda kind: "other")
+        monkeypatch.setattr("pourcast.sweep.settings.model_version", lambda kind: "other")
+    elif change == "goal":
+        monkeypatch.setattr(planning, "goal_version", lambda kind: "other")
     changed = {
         "parameter": text.replace('"ife"', '"ife"\nparameters.damping_zeta = 6'),
         "seed": text.replace('"simple"', '"simple"\nseeds = [1]'),
@@ -85,8 +87,9 @@ def test_a_shards_name_changes_with_all_that_determines_it(change, monkeypatch):
     if change == "scene":
         scenes[0] = scenes[0].mirrored()
     after = {shard.id for shard in make_plan(small_grid(changed), scenes).shards}
-    # The IFE has no seed, and knows nothing of SimpleSim's source; SimpleSim has no zeta.
-    kept = {"seed": 1, "model": 1, "parameter": 1}.get(change, 0)
+    # The IFE has no seed, and knows nothing of SimpleSim's source; SimpleSim has no zeta, and
+    # doesn't pour.
+    kept = {"seed": 1, "model": 1, "parameter": 1, "engine": 1}.get(change, 0)
     assert len(before) == len(after) == 2
     assert len(before & after) == kept
 

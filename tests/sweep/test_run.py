@@ -115,8 +115,8 @@ def test_the_cut_into_shards_is_of_no_account(tmp_path, reference):
 
 def test_results_of_another_version_are_left_alone(tmp_path, monkeypatch):
     swept(small_plan(), tmp_path)
-    for module in ("plan", "shard", "survey"):
-        monkeypatch.setattr(f"pourcast.sweep.{module}.engine_version", lambda: "later")
+    monkeypatch.setattr("pourcast.sweep.settings.engine_version", lambda: "later")
+    monkeypatch.setattr("pourcast.sweep.settings.model_version", lambda model: "later")
     result, executor = swept(small_plan(), tmp_path)
     assert result.reused_simulations == 0
     assert len(executor.did) == len(small_plan().shards)
@@ -223,9 +223,9 @@ def test_a_part_of_an_array_that_fails_is_told_by_status(tmp_path, monkeypatch):
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(shard_module, "engine_version", lambda: "planner's")
+    monkeypatch.setattr("pourcast.sweep.settings.engine_version", lambda: "planner's")
     tasks = [shard_module.task_of(small_plan(), small_plan().shards[0], tmp_path)]
-    monkeypatch.setattr(shard_module, "engine_version", lambda: "worker's")
+    monkeypatch.setattr("pourcast.sweep.settings.engine_version", lambda: "worker's")
     result = shard_module.run_shard(tasks[0])
     assert result.outcome == "failed"
     assert "another version of pourcast" in result.message
@@ -242,6 +242,19 @@ def test_progress_counts_up_to_all(tmp_path):
     assert done == sorted(done)
 
 
+def test_a_part_that_fails_is_told_before_the_next_shard_begins(tmp_path, monkeypatch):
+    def fail(self, *args, **kwargs):
+        raise ValueError("no such corner")
+
+    monkeypatch.setattr("pourcast.models.simple.SimpleSim.judge", fail)
+    plan, store = small_plan(), Store(tmp_path)
+    for result in run_part(plan, store, 0, 1):
+        if result.outcome == "failed":
+            break
+    assert [failure.shard for failure in store.failures([result.task])] == [result.task]
+    assert len(store.paths()) < len(plan.shards) - 1
+
+
 # Parts of an array, trajectories -----------------------------------------------------------
 
 
@@ -249,7 +262,7 @@ def test_progress_counts_up_to_all(tmp_path):
 def test_parts_of_an_array_make_the_whole(tmp_path, parts, reference):
     for part in range(parts):
         assert {r.outcome for r in run_part(small_plan(), Store(tmp_path), part, parts)} == {"done"}
-        assert run_part(small_plan(), Store(tmp_path), part, parts) == []
+        assert list(run_part(small_plan(), Store(tmp_path), part, parts)) == []
     result, executor = swept(small_plan(), tmp_path)
     assert executor.did == []
     assert result.table.equals(reference)

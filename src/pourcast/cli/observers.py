@@ -96,7 +96,7 @@ def simulate(
     from pourcast.files import check_writable
     from pourcast.observers.observers import SPREADS
     from pourcast.observers.responses import models_by_liquid, observers_of, rehearse
-    from pourcast.study.folder import study_experiment, study_scenes
+    from pourcast.study.folder import study_experiment, study_liquids, study_scenes
     from pourcast.tables import check_table_path
 
     scenes = study_scenes(study)
@@ -108,6 +108,7 @@ def simulate(
         experiment,
         observers,
         models=models_by_liquid(model or [], experiment),
+        own=study_liquids(study),
         population=population_of(
             bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
         ),

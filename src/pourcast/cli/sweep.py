@@ -87,7 +87,7 @@ def sweep(
 
     Example: pourcast sweep my-study --grid quick --workers 2
     """
-    from pourcast.study.folder import study_scenes
+    from pourcast.study.folder import study_liquids, study_scenes
     from pourcast.sweep.grid import read_grid
     from pourcast.sweep.plan import make_plan
     from pourcast.sweep.status import all_statuses, status_of
@@ -97,9 +97,9 @@ def sweep(
     if grid is None:
         if not status:
             raise InputError("grid: expected --grid FILE or NAME (or --status)")
-        _print_statuses(all_statuses(store, scenes), as_json=as_json)
+        _print_statuses(all_statuses(store, scenes, study_liquids(study)), as_json=as_json)
         return
-    asked = read_grid(grid)
+    asked = read_grid(grid, study_liquids(study))
     plan = make_plan(asked.with_trajectories() if trajectories else asked, scenes)
     if status:
         _print_statuses([status_of(plan, store)], as_json=as_json)
@@ -191,14 +191,6 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h"
 
 
-def _size(count: float) -> str:
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:.3g} TB"
-
-
 def _print_result(
     plan: "Plan", store: "Store", result: "SweepResult", study: Path, *, as_json: bool
 ) -> None:
@@ -261,44 +253,37 @@ def _print_statuses(statuses: "list[Status]", *, as_json: bool) -> None:
 
 
 def _print_estimate(plan: "Plan", store: "Store", workers: int | None, *, as_json: bool) -> None:
-    from pourcast.engine.batch import available_cores
-    from pourcast.sweep.estimate import disk_bytes, estimate
-    from pourcast.sweep.survey import survey
+    from rich.filesize import decimal
 
-    count, left = workers or available_cores(), survey(plan, store).left
+    from pourcast.sweep.estimate import estimate_rest
+
     with progress_bar() as report:
-        table = estimate(plan, left, count, report=report)
-    simulations = sum(part.simulations for part in left)
-    minutes, size = float(table["minutes"].sum()), disk_bytes(plan, left)
+        rest = estimate_rest(plan, store, workers, report=report)
     if as_json:
-        facts = {"grid": plan.grid.name, "simulations": plan.simulations, "shards": len(left)}
-        facts |= {"to_do": simulations, "workers": count, "minutes": minutes, "bytes": size}
-        print_json(facts | {"parts": table.reset_index().to_dict(orient="records")})
+        facts = {"grid": plan.grid.name, "simulations": plan.simulations, "shards": rest.shards}
+        facts |= {"to_do": rest.simulations, "workers": rest.workers}
+        facts |= {"minutes": rest.minutes, "bytes": rest.bytes}
+        print_json(facts | {"parts": rest.parts.reset_index().to_dict(orient="records")})
         return
-    if len(table):
-        print_table(table)
+    if len(rest.parts):
+        print_table(rest.parts)
     typer.echo(
         f"\n{plan.grid.name} on {len(plan.listed)} scenes: {plan.simulations} simulations, of "
-        f"which {plan.simulations - simulations} are done; {simulations} to do, "
-        f"in {len(left)} shards"
+        f"which {plan.simulations - rest.simulations} are done; {rest.simulations} to do, "
+        f"in {rest.shards} shards"
     )
     typer.echo(
-        f"about {_duration(60 * minutes)} with {count} workers like this machine's cores "
-        f"(measured on {table['run'].sum()} simulations); about {_size(size)} on disk"
+        f"about {_duration(60 * rest.minutes)} with {rest.workers} workers like this machine's "
+        f"cores (measured on {rest.parts['run'].sum()} simulations); about "
+        f"{decimal(rest.bytes)} on disk"
     )
 
 
 def _run_part(plan: "Plan", store: "Store", shard: str) -> None:
-    from pourcast.sweep.run import run_part
+    from pourcast.sweep.run import parse_part, run_part
 
-    first, _, step = shard.partition("/")
-    parts = int(step) if step.isdecimal() else len(plan.shards) if not step else 0
-    if not first.isdecimal() or parts < 1 or int(first) >= parts:
-        raise InputError(
-            f"shard: expected a number from 0 to {len(plan.shards) - 1}, or I/K, found {shard!r}"
-        )
     bad = False
-    for result in run_part(plan, store, int(first), parts):
+    for result in run_part(plan, store, *parse_part(shard, len(plan.shards))):
         bad |= result.outcome not in ("done", "busy")
         typer.echo(f"shard {result.task}: {result.outcome} {result.message}".rstrip(), err=True)
     if bad:

@@ -17,6 +17,7 @@ from pourcast.statistics.bootstrap import (
     draw_counts,
     interval,
     resample,
+    tails,
     two_sided_p,
 )
 from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments
@@ -150,9 +151,8 @@ def agreement_table(compared: Compared, settings: Settings) -> pd.DataFrame:
 def _nan_interval(values: Array, level: float) -> tuple[Array, Array]:
     """Interval over the resamples that gave a number; NaN if less than nine in ten did."""
     enough = np.isfinite(values).mean(axis=0) >= 0.9
-    tail = 50.0 * (1.0 - level)
     usable = np.where(enough, values, 0.0)
-    low, high = np.nanpercentile(usable, [tail, 100.0 - tail], axis=0)
+    low, high = np.nanpercentile(usable, tails(level), axis=0)
     return np.where(enough, low, np.nan), np.where(enough, high, np.nan)
 
 
@@ -269,10 +269,13 @@ class Individuals:
         truth of the liquid), `p` (share of chance participants who do as well).
     against
         Liquid -> the comparison that this is from.
+    level
+        A participant beats chance if a share of chance participants below 1 - level does as well.
     """
 
     table: pd.DataFrame
     against: Mapping[str, AgainstNull]
+    level: float
 
     def summary(self) -> pd.DataFrame:
         """A row a liquid: the fitted beta, the Kolmogorov-Smirnov test, how many beat chance."""
@@ -285,7 +288,7 @@ class Individuals:
                     "beta_a": found.beta[0],
                     "beta_b": found.beta[1],
                     "mean_r": float(found.observed[usable].mean()) if usable.any() else np.nan,
-                    "beat_chance": int((found.p[usable] < 0.05).sum()),
+                    "beat_chance": int((found.p[usable] < 1.0 - self.level).sum()),
                     "participants": int(usable.sum()),
                     "ks_D": found.ks_statistic,
                     "ks_p": found.ks_p,
@@ -324,7 +327,7 @@ def individuals(compared: Sequence[Compared], settings: Settings) -> Individuals
             )
         )
     table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-    return Individuals(table, against)
+    return Individuals(table, against, settings.level)
 
 
 def people_table(compared: Sequence[Compared]) -> pd.DataFrame:

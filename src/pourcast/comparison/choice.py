@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from pourcast.comparison.agreement import Compared, Settings, short_liquid
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
-from pourcast.statistics.bootstrap import Resamples, interval, random_halves, resample
+from pourcast.statistics.bootstrap import Resamples, interval, random_halves, resample, tails
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.statistics.fit import flat, profile, tied
 from pourcast.study.responses import Trials
 from pourcast.sweep.judged import OWN_ALPHA, Judged
+from pourcast.tables import numbers_in, read_table, require_columns
 
 Array = NDArray[np.float64]
 
@@ -345,7 +346,7 @@ def cross_validation_table(
         made = [(k, pick[name]) for k, pick in enumerate(picks) if name in pick]
         trained = np.array([train[name][at] for at in made])
         tested = np.array([test[name][at] for at in made])
-        low, high = np.nanpercentile(tested, [2.5, 97.5])
+        low, high = np.nanpercentile(tested, tails(settings.level))
         rows.append(
             {
                 "model": name,
@@ -423,15 +424,16 @@ def read_choice(folder: Path) -> pd.DataFrame:
     Raises
     ------
     InputError
-        If there is no such table.
+        If there is no such table; names file, row and column of what is wrong.
     """
     path = folder / "report" / "tables" / "choice.csv"
     try:
-        table = pd.read_csv(path)
-        table[["model", "spec", "r"]]
-    except (OSError, ValueError, KeyError) as error:
+        table = read_table(path, text=("model", "spec"))
+        require_columns(path, table, ("model", "spec", "r"))
+        table["r"] = numbers_in(path, table, "r", table["r"].isna())
+    except InputError as error:
         raise InputError(
-            f"{path}: not a table of chosen parameters ({error}); expected the folder of a study "
-            "with a report"
+            f"{error}; not a table of chosen parameters: expected the folder of a study with a "
+            "report"
         ) from None
     return table

@@ -13,11 +13,12 @@ from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
 from pourcast.models.registry import complete_presets, labels_of, make_model
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
 from pourcast.study.experiments.base import Experiment
-from pourcast.study.folder import study_experiment, study_scenes
+from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import Exclusion, arrange, exclude, remarks
 from pourcast.sweep.judged import Judged, judge_in_study, read_judged, sweep_words
 
@@ -117,7 +118,7 @@ TABLES = {
     "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
     "carried": "Parameters chosen in another experiment, carried over unchanged",
     "loo": "Likelihood of single answers: models by PSIS-LOO, the best first",
-    "posterior": "Likelihood of single answers: parameters of the response model, 95 % intervals",
+    "posterior": "Likelihood of single answers: parameters of the response model, with intervals",
     "variance": "Variance of deterministic judgments over the window of dampings",
     "variance_tests": "Unpaired t-tests between these variances",
     "scores": "Correlation of every swept candidate",
@@ -126,7 +127,7 @@ TABLES = {
 """Tables of a comparison, and what they say; those that the data can't fill are left out."""
 
 
-def compare_study(study: Path, request: Request, report: Report | None = None) -> Comparison:
+def compare_study(study: Path, request: Request, report: Report = no_report) -> Comparison:
     """Compare a study's models with people.
 
     Judgments that are not there yet are simulated, through the study's store.
@@ -160,7 +161,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
                 f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
                 f"least {agreement.FEWEST_SCENES}"
             )
-    experiment = study_experiment(study, scenes)
+    experiment, own = study_experiment(study, scenes), study_liquids(study)
     usual = (experiment and experiment.models) or complete_presets()
     asked = list(request.models or usual)
     specs = [spec for spec in asked if spec != stimulus.NAME]
@@ -202,7 +203,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
     individuals = agreement.individuals(people, settings)
     tables = _tables(people, judged, settings, individuals, report)
     if request.bayes:
-        tables |= _bayes(people, settings.seed, report)
+        tables |= _bayes(people, settings, report)
     if request.carried is not None:
         tables["carried"] = choice.carried_table(compared(carried), request.carried, settings)
     return Comparison(
@@ -215,7 +216,7 @@ def compare_study(study: Path, request: Request, report: Report | None = None) -
         compared=people,
         judged=judged,
         exclusions=tuple(exclusions),
-        remarks=(*_models_remarks(specs, labels), *remarks(trials, scenes), *_doubts(tables)),
+        remarks=(*_models_remarks(specs, labels, own), *remarks(trials, scenes), *_doubts(tables)),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
     )
@@ -226,7 +227,7 @@ def _tables(
     judged: Judged,
     settings: Settings,
     individuals: Individuals,
-    report: Report | None,
+    report: Report,
 ) -> dict[str, pd.DataFrame]:
     trials = [one.trials for one in people]
     sets = choice.candidates(judged, trials)
@@ -247,20 +248,24 @@ def _tables(
     }
     tables = {}
     for done, (name, make) in enumerate(steps.items()):
-        if report is not None:
-            report(f"comparing: {name}", done, len(steps))
+        report(f"comparing: {name}", done, len(steps))
         tables[name] = make()
     return tables
 
 
-def _bayes(people: Sequence[Compared], seed: int, report: Report | None) -> dict[str, pd.DataFrame]:
+def _bayes(
+    people: Sequence[Compared], settings: Settings, report: Report
+) -> dict[str, pd.DataFrame]:
     """Models compared by the likelihood of single answers, for each liquid."""
     # JAX is loaded only for this.
     from pourcast.statistics.bayes import Sampling, compare_models  # noqa: PLC0415
 
     loos, posteriors = [], []
     for one in people:
-        found = compare_models(one.trials.responses, one.models, Sampling(seed=seed), report)
+        found = compare_models(
+            one.trials.responses, one.models, Sampling(seed=settings.seed), report,
+            level=settings.level,
+        )  # fmt: skip
         loos.append(_labelled(found.loo, one))
         posteriors.append(_labelled(found.parameters, one))
     return {
@@ -282,9 +287,11 @@ def _stacked(
     return pd.concat([make(one, settings) for one in people], ignore_index=True)
 
 
-def _models_remarks(specs: Sequence[str], labels: dict[str, str]) -> list[str]:
+def _models_remarks(
+    specs: Sequence[str], labels: dict[str, str], own: Sequence[Liquid]
+) -> list[str]:
     """What is to be known of the models themselves."""
-    said = {labels[spec]: make_model(spec).remark for spec in specs}
+    said = {labels[spec]: make_model(spec, own).remark for spec in specs}
     return [f"{label}: {remark}" for label, remark in said.items() if remark]
 
 

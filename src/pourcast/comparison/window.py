@@ -25,7 +25,7 @@ def window_variances(judged: Judged, liquid: str, settings: Settings) -> dict[st
     liquid
         Liquid of the trials under which to look (any will do, as the liquid is in the head).
     settings
-        Seed and level.
+        How intervals are made.
     """
     found = {}
     for number, name in enumerate(CONDITIONS):
@@ -34,8 +34,9 @@ def window_variances(judged: Judged, liquid: str, settings: Settings) -> dict[st
         fixed = columns_of(parameters) | {"family": family_of(name), "zeta_sigma": 0}
         rows = [judged.on_trials(liquid, **fixed | {"damping_zeta": zeta}) for zeta in window]
         if all(len(row) for row in rows):
-            places = [int(row[0]) for row in rows]
-            found[name] = window_variance(judged.judgments[places], settings.rng(6, number))
+            judgments = judged.judgments[[int(row[0]) for row in rows]]
+            rng = settings.rng(6, number)
+            found[name] = window_variance(judgments, rng, settings.level, settings.resamples)
     return found
 
 

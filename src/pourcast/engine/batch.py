@@ -11,7 +11,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
@@ -258,7 +258,8 @@ def run_batch(
     with ThreadPoolExecutor(worker_count, initializer=flush_denormals) as pool:
         try:
             cells = _cells_of(jobs, solids, pool, worker_count)
-            for future in [pool.submit(work, cells) for _ in range(worker_count)]:
+            futures = [pool.submit(work, cells) for _ in range(worker_count)]
+            for future in as_completed(futures):  # the first that fails ends the others
                 future.result()
         finally:
             stop.set()

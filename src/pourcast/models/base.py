@@ -99,6 +99,19 @@ class Model(ABC):
             One judgment in 0..1 for each scene.
         """
 
+    @classmethod
+    def follows_trial(cls, parameters: typing.Mapping[str, Any]) -> bool:
+        """Whether judgments depend on the liquid that a trial shows.
+
+        Where they don't, those of trials with one liquid stand for those with any other.
+
+        Parameters
+        ----------
+        parameters
+            Names and values, as `parameters` gives them.
+        """
+        return True
+
     def parameters(self) -> dict[str, Any]:
         """Names and values of the parameters; a liquid's is its name."""
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}

@@ -1,10 +1,10 @@
 """ConvNet: a network that never simulates, but has seen many pictures and what came of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,11 @@ class ConvNet(Model):
                 f"{self.weights}: weights: expected a network of {self.liquid}, found one of "
                 f"{trained}"
             )
+
+    @classmethod
+    def follows_trial(cls, parameters: Mapping[str, Any]) -> bool:
+        """No: the picture shows none of it."""
+        return False
 
     @property
     def fingerprint(self) -> str:

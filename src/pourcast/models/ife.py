@@ -1,9 +1,11 @@
 """Intuitive Fluids Engine: few SPH particles, strongly damped."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from pourcast.models.base import SimulationModel, parameter, zeta_window
-from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.base import RESERVED, Liquid
 from pourcast.scenes.liquids.registry import imagined_liquid, imagined_names
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import MAX_PARTICLES, Pour
@@ -32,6 +34,11 @@ class IntuitiveFluidsEngine(SimulationModel):
     viscosity_alpha: float | None = parameter(
         None, low=0, high=10, doc="artificial viscosity; none: the liquid's own"
     )
+
+    @classmethod
+    def follows_trial(cls, parameters: Mapping[str, Any]) -> bool:
+        """Unless another liquid is in the head."""
+        return bool(parameters["liquid"] == RESERVED)
 
     def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
         """One pour for each damping of the window; the seed is not used."""

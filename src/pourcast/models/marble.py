@@ -1,6 +1,8 @@
 """MarbleSim: the IFE's particles as rigid, inelastic spheres."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from pourcast.models.base import SimulationModel, parameter, zeta_window
 from pourcast.scenes.liquids.base import Liquid
@@ -27,6 +29,11 @@ class MarbleSim(SimulationModel):
     zeta_sigma: int = parameter(
         4, unit="1/s", low=0, high=20, doc="half-width sigma of the window of dampings"
     )
+
+    @classmethod
+    def follows_trial(cls, parameters: Mapping[str, Any]) -> bool:
+        """No: marbles are no liquid."""
+        return False
 
     def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
         """One pour for each damping of the window; liquid and seed are not used."""

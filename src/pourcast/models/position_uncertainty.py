@@ -1,12 +1,14 @@
 """PositionUncertainty: true physics from a noisy start."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
 
 from pourcast.models.base import SimulationModel, parameter
-from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.base import RESERVED, Liquid
 from pourcast.scenes.liquids.registry import imagined_liquid, imagined_names
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import MAX_PARTICLES, Pour
@@ -31,6 +33,11 @@ class PositionUncertainty(SimulationModel):
     liquid: str | Liquid = parameter(
         "trial", choices=imagined_names, doc="liquid in the model's head"
     )
+
+    @classmethod
+    def follows_trial(cls, parameters: Mapping[str, Any]) -> bool:
+        """Unless another liquid is in the head."""
+        return bool(parameters["liquid"] == RESERVED)
 
     def pours(self, scene: Scene, liquid: Liquid, seed: int = 0) -> list[Pour]:
         """One pour for each displacement; they depend on the seed and on the scene alone."""

@@ -1,6 +1,6 @@
 """SimpleSim: independent points that fall, slide downhill and drop; no physics of liquids."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +48,11 @@ class SimpleSim(Model):
         0.04, unit="m", low=0, high=1, doc="half-width of the average over m"
     )
     n_points: int = parameter(100, low=1, high=10000, doc="points along the liquid's midline")
+
+    @classmethod
+    def follows_trial(cls, parameters: Mapping[str, Any]) -> bool:
+        """No: it knows no liquids."""
+        return False
 
     def judge(
         self,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pourcast.errors import InputError, unknown
 from pourcast.models.registry import make_model
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.observer import Population
 from pourcast.study.responses import TEST
@@ -48,6 +49,8 @@ class Observers:
     groups
         Liquids that each group sees; observers belong to the groups in turn. By default there is
         one group, which sees all.
+    own
+        The study's own liquids, which the models can name.
     population
         How they answer.
     spreads
@@ -65,6 +68,7 @@ class Observers:
     count: int
     models: Mapping[str, str]
     groups: tuple[tuple[str, ...], ...] = ()
+    own: tuple[Liquid, ...] = ()
     population: Population = field(default_factory=Population)
     spreads: Mapping[str, float] = field(default_factory=lambda: dict(SPREADS))
     seed: int = 0
@@ -78,7 +82,7 @@ class Observers:
             if not 0.0 <= spread < 1e3:
                 raise InputError(f"vary: {name}: expected 0 or more, found {spread:g}")
         for spec in self.models.values():
-            make_model(spec)
+            make_model(spec, self.own)
         missing = {liquid for group in self.groups for liquid in group} - set(self.models)
         if missing:
             raise InputError(f"observers: {missing.pop()}: no model for the trials of this liquid")
@@ -130,7 +134,7 @@ class _Person:
         seen = observers.seen_by(number)
         return cls(
             number,
-            tuple((liquid, _own_spec(spec, observers.spreads, normal)) for liquid, spec in seen),
+            tuple((liquid, _own_spec(spec, observers, normal)) for liquid, spec in seen),
         )
 
     def answers(
@@ -162,9 +166,9 @@ class _Person:
         return table.iloc[order].assign(trial=np.arange(1, len(table) + 1))
 
 
-def _own_spec(spec: str, spreads: Mapping[str, float], normal: Mapping[str, float]) -> str:
+def _own_spec(spec: str, observers: Observers, normal: Mapping[str, float]) -> str:
     """Spec of the model with an observer's own parameters."""
-    model, own = make_model(spec), []
+    model, spreads, own = make_model(spec, observers.own), observers.spreads, []
     for entry in fields(model):
         if not spreads.get(entry.name):
             continue

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from pourcast.comparison.agreement import Compared, short_liquid
 from pourcast.comparison.compare import Comparison
-from pourcast.comparison.planning import (
+from pourcast.comparison.recovery import (
     along,
     model_recovery_table,
     parameter_recovery_table,

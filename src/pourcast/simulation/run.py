@@ -4,13 +4,10 @@ import threading
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import fields
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 
 from pourcast.engine.batch import Job, Result, Stepping, run_batch
-from pourcast.engine.compile import digest_of_sources
 from pourcast.engine.contact import TOUCH_SKIN
 from pourcast.engine.packing import (
     pack_cylinder,
@@ -22,17 +19,16 @@ from pourcast.progress import Progress
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import GRAVITY, Outcome, Pour
 from pourcast.simulation.settings import EngineSettings, Kind
+from pourcast.simulation.versions import code_version
 
 
-@cache
 def engine_version() -> str:
-    """Name of the state of all code that a pour's outcome depends on.
+    """Name of the state of the code that a pour's outcome depends on, but for the goal's own.
 
-    Results of two versions must not be mixed; that of a release never changes.
+    Results of two versions must not be mixed; that of a release never changes. What scenes and
+    liquids hold stands in the names of results by itself: how they are read is of no account.
     """
-    package = Path(__file__).parents[1]
-    parts = ("engine/*.py", "simulation/*.py", "scenes/*.py", "scenes/goals/*.py")
-    return digest_of_sources(path for part in parts for path in package.glob(part))
+    return code_version((__name__,), ("pourcast.scenes", "pourcast.simulation.versions"))
 
 
 def simulate(

@@ -1,10 +1,23 @@
-"""Bayesian fit of the likelihood in `compare.likelihood`, by NUTS (NumPyro); compared by PSIS-LOO.
+"""Likelihood of single answers: ordered beta regression with participant effects and lapses.
+
+Kubinec (2023), "Ordered beta regression: a parsimonious, well-fitting model for continuous
+data with lower and upper bounds", Political Analysis 31. With eta the linear predictor and
+two cut points c1 < c2,
+
+    P(y = 0) = 1 - logistic(eta - c1),    P(y = 1) = logistic(eta - c2),
+
+and in between a beta density with mean logistic(eta) and precision phi. Here
+
+    eta = intercept + u_p + (slope + v_p) x,    x = logit of the model's judgment,
+
+with normal effects u_p, v_p of the participant; with the probability `lapse` the answer
+is anywhere on the slider instead. Fitted by NUTS (NumPyro), compared by PSIS-LOO.
 
 Needs the extra ``pourcast[bayes]``.
 """
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +32,10 @@ from jax.scipy.special import gammaln
 from numpy.typing import NDArray
 from numpyro.infer import MCMC, NUTS, init_to_median
 from platformdirs import user_cache_dir
+from scipy.special import logit
 
-from pourcast.statistics.likelihood import LAPSE_ENDS, predictor
+from pourcast.progress import Report, no_report
+from pourcast.statistics.bootstrap import LEVEL, interval
 
 with warnings.catch_warnings():
     # ArviZ tells of its next major version, which pyproject.toml keeps out.
@@ -36,6 +51,12 @@ PARAMETERS = ("intercept", "slope", "spread_intercept", "spread_slope", "precisi
               "cut_low", "cut_high")  # fmt: skip
 """What is estimated for the population; each participant's effects beside."""
 
+
+SHRINKAGE = 100.0
+"""Judgments of 0 and 1 have no logit: they count as if by so many particles and a half more."""
+
+LAPSE_ENDS = 0.01
+"""Share of lapses that are exactly 0 or 1: the slider's step."""
 
 _COMPARED = ("elpd_diff", "dse", "weight")
 _BAD_K = 0.7
@@ -61,8 +82,20 @@ class Sampling:
     seed: int = 0
 
 
+def predictor(judgments: Array) -> Array:
+    """Logit of judgments, drawn in from 0 and 1 a little.
+
+    Examples
+    --------
+    >>> predictor(np.array([0.5, 1.0])).round(2).tolist()
+    [0.0, 5.3]
+    """
+    x: Array = logit((judgments * SHRINKAGE + 0.5) / (SHRINKAGE + 1.0))
+    return x
+
+
 def _log_density(answers: Any, eta: Any, precision: Any, low: Any, high: Any, lapse: Any) -> Any:
-    """As `likelihood.ordered_beta_log_density`, for JAX."""
+    """Log density of answers, or of their probability if they are 0 or 1, by JAX."""
     mean = sigmoid(eta)
     inner = jnp.clip(answers, 1e-6, 1.0 - 1e-6)
     gap = jnp.maximum(sigmoid(eta - low) - sigmoid(eta - high), 1e-30)
@@ -166,7 +199,7 @@ class BayesComparison:
         A row a model, best first: `elpd_loo`, `se`, `elpd_diff` (to the best), `dse`, `p_loo`,
         `weight` (stacking), `pareto_k_bad` (answers whose k exceeds 0.7).
     parameters
-        A row a model and a parameter: `mean`, `low`, `high` (95 %), `r_hat`, `ess`.
+        A row a model and a parameter: `mean`, `low`, `high`, `r_hat`, `ess`.
     """
 
     loo: pd.DataFrame
@@ -177,7 +210,9 @@ def compare_models(
     responses: Array,
     models: Mapping[str, Array],
     sampling: Sampling | None = None,
-    report: Callable[[str, int, int], None] | None = None,
+    report: Report = no_report,
+    *,
+    level: float = LEVEL,
 ) -> BayesComparison:
     """Fit the response model with each model's judgments, and compare them by PSIS-LOO.
 
@@ -193,11 +228,12 @@ def compare_models(
         How posteriors are drawn.
     report
         Told of the progress.
+    level
+        Of the parameters' intervals.
     """
     fitter, fitted = ResponseModel(sampling), {}
     for done, (name, judgments) in enumerate(models.items()):
-        if report is not None:
-            report(f"fitting {name}", done, len(models))
+        report(f"fitting {name}", done, len(models))
         fitted[name] = fitter.fit(responses, judgments)
     with warnings.catch_warnings():
         # Bad Pareto k are counted in the table; the others are about ArviZ's own code.
@@ -205,7 +241,7 @@ def compare_models(
         loos = {name: az.loo(data, pointwise=True) for name, data in fitted.items()}
         table = az.compare(loos, method="stacking") if len(loos) > 1 else None
     rows = [_loo_row(name, loos[name], table) for name in (loos if table is None else table.index)]
-    parameters = pd.concat([_summary(name, data) for name, data in fitted.items()])
+    parameters = pd.concat([_summary(name, data, level) for name, data in fitted.items()])
     return BayesComparison(pd.DataFrame(rows), parameters.reset_index(drop=True))
 
 
@@ -217,10 +253,10 @@ def _loo_row(name: str, one: Any, table: Any) -> dict[str, Any]:
     return row | {"p_loo": float(one.p_loo), "pareto_k_bad": bad}
 
 
-def _summary(name: str, data: Any) -> pd.DataFrame:
+def _summary(name: str, data: Any, level: float) -> pd.DataFrame:
     summary = az.summary(data, var_names=list(PARAMETERS))
     draws = np.stack([data.posterior[parameter].to_numpy().ravel() for parameter in PARAMETERS])
-    low, high = np.quantile(draws, [0.025, 0.975], axis=1)
+    low, high = interval(draws.T, level)
     return pd.DataFrame(
         {
             "model": name,

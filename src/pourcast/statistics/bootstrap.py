@@ -23,6 +23,7 @@ RESAMPLES = 10_000
 """The paper's number."""
 
 LEVEL = 0.95
+"""Of intervals, unless it is said; whatever makes one is told the level."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +95,22 @@ def resample(
     return Resamples(means, weights)
 
 
-def interval(values: Array, level: float = LEVEL) -> tuple[Array, Array]:
+def interval(values: Array, level: float) -> tuple[Array, Array]:
     """Percentile interval over the first axis; NaN if a resample gave none."""
-    tail = 50.0 * (1.0 - level)
-    low, high = np.percentile(values, [tail, 100.0 - tail], axis=0)
+    low, high = np.percentile(values, tails(level), axis=0)
     return low, high
+
+
+def tails(level: float) -> tuple[float, float]:
+    """Percentiles that an interval of a level lies between.
+
+    Examples
+    --------
+    >>> tails(0.5)
+    (25.0, 75.0)
+    """
+    tail = 50.0 * (1.0 - level)
+    return tail, 100.0 - tail
 
 
 def two_sided_p(differences: Array) -> Array:

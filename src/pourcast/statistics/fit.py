@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.statistics.bootstrap import LEVEL, interval
+from pourcast.statistics.bootstrap import interval
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def tied(scores: Array) -> list[int]:
     return np.flatnonzero(scores >= np.nanmax(scores) - _TIE).tolist()
 
 
-def flat(resampled: Array, best: int, level: float = LEVEL) -> NDArray[np.bool_]:
+def flat(resampled: Array, best: int, level: float) -> NDArray[np.bool_]:
     """Which candidates do as well as the best: the interval of the difference is not all above 0.
 
     Parameters

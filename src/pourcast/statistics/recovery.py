@@ -3,21 +3,20 @@
 Studies are simulated with `observer.Population` and analysed as real ones are.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
+from pourcast.progress import Progress, no_progress
 from pourcast.statistics.bootstrap import LEVEL, Resampled, interval, resample
 from pourcast.statistics.correlation import pearson
 from pourcast.statistics.observer import Population, spread_over_grid
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
-
-Progress = Callable[[int, int], None]
 
 
 def simulated_means(
@@ -50,7 +49,7 @@ def recover_parameters(
     population: Population,
     rng: np.random.Generator,
     spread: float = 0.0,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Counts:
     """Plant each of some candidates and see which one fits best, many times.
 
@@ -84,8 +83,7 @@ def recover_parameters(
             means[study] = simulated_means(candidates[own], observers, population, rng)
         scores = pearson(means, candidates)
         recovered[row] = np.where(np.isnan(scores), -np.inf, scores).argmax(axis=1)
-        if progress is not None:
-            progress(row + 1, len(planted))
+        progress(row + 1, len(planted))
     return recovered
 
 
@@ -103,7 +101,7 @@ class Power:
     power
         Share of simulated studies that did.
     low, high
-        Its 95 % interval (Wilson).
+        Its interval (Wilson).
     wrong
         Share that told them apart the wrong way round.
     """
@@ -142,8 +140,10 @@ def power_of(
         How the observers answer.
     rng
         Source of randomness.
-    resampled, resamples, level
+    resampled, resamples
         The interval of the difference in r that must not hold 0.
+    level
+        Of that interval, and of the power's own.
     """
     both = np.stack([true, rival])
     available = both.shape[1]
@@ -161,5 +161,5 @@ def power_of(
         low, high = interval(known, level)
         right += bool(low > 0.0)
         wrong += bool(high < 0.0)
-    found = binomtest(right, studies).proportion_ci(method="wilson")
+    found = binomtest(right, studies).proportion_ci(level, method="wilson")
     return Power(right / studies, float(found.low), float(found.high), wrong / studies)

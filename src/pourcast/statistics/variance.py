@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pourcast.statistics.bootstrap import draw_counts, interval
+from pourcast.statistics.bootstrap import RESAMPLES, draw_counts, interval
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class WindowVariance:
 
 
 def window_variance(
-    judgments: Array, rng: np.random.Generator, resamples: int = 10_000
+    judgments: Array, rng: np.random.Generator, level: float, resamples: int = RESAMPLES
 ) -> WindowVariance:
     """Variance of judgments over a window, mean over scenes.
 
@@ -40,12 +40,14 @@ def window_variance(
         Deterministic judgments, shape [damping_count, scene_count].
     rng
         Source of randomness.
+    level
+        Of the interval.
     resamples
         Of the scenes.
     """
     per_scene: Array = judgments.var(axis=0, ddof=1)
     counts = draw_counts(len(per_scene), resamples, rng)
-    low, high = interval(counts @ per_scene / len(per_scene))
+    low, high = interval(counts @ per_scene / len(per_scene), level)
     return WindowVariance(per_scene, float(per_scene.mean()), float(low), float(high))
 
 

@@ -16,16 +16,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError, unknown
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.tables import FIRST_ROW, numbers_in, read_table, refuse_rows, require_columns
 
 REQUIRED = ("participant", "scene", "liquid", "response")
 
 TEST, ATTENTION = "test", "attention"
 """Phases: trials that are compared, and attention checks."""
-
-_FIRST_ROW = 2
-"""Row of a spreadsheet or text editor that the first trial stands in, after the header."""
 
 
 @dataclass(frozen=True)
@@ -73,16 +72,24 @@ class Exclusion:
 # Reading -----------------------------------------------------------------------------
 
 
-def read_responses(path: Path, scenes: Sequence[Scene], *, percent: bool = False) -> pd.DataFrame:
+def read_responses(
+    path: Path, scenes: Sequence[Scene], *, percent: bool = False, own: Sequence[Liquid] = ()
+) -> pd.DataFrame:
     """Read a table of responses, a .csv or .parquet file, and check every row.
 
     See `check_responses`.
     """
-    return check_responses(_load(path), path, scenes, percent=percent)
+    table = read_table(path, text=("participant", "scene"))
+    return check_responses(table, path, scenes, percent=percent, own=own)
 
 
 def check_responses(
-    table: pd.DataFrame, path: Path, scenes: Sequence[Scene], *, percent: bool = False
+    table: pd.DataFrame,
+    path: Path,
+    scenes: Sequence[Scene],
+    *,
+    percent: bool = False,
+    own: Sequence[Liquid] = (),
 ) -> pd.DataFrame:
     """Check every row of a table of responses.
 
@@ -94,6 +101,8 @@ def check_responses(
         Where it comes from, for error messages.
     scenes
         The study's scenes.
+    own
+        The study's own liquids.
     percent
         The responses are 0..100, not 0..1.
 
@@ -108,14 +117,9 @@ def check_responses(
     InputError
         One line that names the row, the column and what was expected.
     """
-    missing = [name for name in REQUIRED if name not in table.columns]
-    if missing:
-        raise InputError(
-            f"{path}: column {missing[0]!r} is missing; expected {', '.join(REQUIRED)}, "
-            f"found {', '.join(map(str, table.columns))}"
-        )
+    require_columns(path, table, REQUIRED)
     blank = table.isna().all(axis=1)
-    table = table.assign(row=np.arange(len(table)) + _FIRST_ROW)[~blank]
+    table = table.assign(row=np.arange(len(table)) + FIRST_ROW)[~blank]
     if table.empty:
         raise InputError(f"{path}: no rows, expected one a trial")
     for name in ("participant", "scene", "liquid"):
@@ -132,21 +136,7 @@ def check_responses(
     _check_range(path, table, percent=percent)
     if "rt" in table:
         table["rt"] = _numbers(path, table, "rt")
-    return _with_known_scenes(path, table, scenes)
-
-
-def _load(path: Path) -> pd.DataFrame:
-    suffix = path.suffix.lower()
-    if suffix not in (".csv", ".parquet"):
-        raise InputError(f"{path}: expected a .csv or .parquet file")
-    try:
-        if suffix == ".parquet":
-            return pd.read_parquet(path)
-        return pd.read_csv(path, dtype={"participant": str, "scene": str}, skip_blank_lines=False)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a table ({error})") from None
+    return _with_known_scenes(path, table, scenes, own)
 
 
 def _text(value: Any) -> str:
@@ -157,27 +147,13 @@ def _text(value: Any) -> str:
 def _refuse(
     path: Path, table: pd.DataFrame, column: str, wrong: "pd.Series[bool]", expected: str
 ) -> None:
-    """Raise for the first row that is wrong, if any."""
-    rows = np.flatnonzero(wrong.to_numpy())
-    if len(rows):
-        value = table[column].iloc[rows[0]]
-        found = f"{value:g}" if isinstance(value, float) else repr(value)
-        more = f" (and {len(rows) - 1} more rows)" if len(rows) > 1 else ""
-        raise InputError(
-            f"{path}: row {table['row'].iloc[rows[0]]}, column {column}: {expected}, "
-            f"found {found}{more}"
-        )
+    refuse_rows(path, table, column, wrong, expected, table["row"].to_list())
 
 
 def _numbers(
     path: Path, table: pd.DataFrame, column: str, needed: "pd.Series[bool] | None" = None
 ) -> "pd.Series[float]":
-    numbers = pd.to_numeric(table[column], errors="coerce")
-    wrong = numbers.isna() & table[column].notna()
-    if needed is not None:
-        wrong |= numbers.isna() & needed
-    _refuse(path, table, column, wrong, "expected a number")
-    return numbers.astype(float)
+    return numbers_in(path, table, column, needed, table["row"].to_list())
 
 
 def _flags(path: Path, table: pd.DataFrame, column: str) -> "pd.Series[bool]":
@@ -200,7 +176,9 @@ def _check_range(path: Path, table: pd.DataFrame, *, percent: bool) -> None:
     _refuse(path, shown, "response", outside, "expected 0..100" if percent else "expected 0..1")
 
 
-def _with_known_scenes(path: Path, table: pd.DataFrame, scenes: Sequence[Scene]) -> pd.DataFrame:
+def _with_known_scenes(
+    path: Path, table: pd.DataFrame, scenes: Sequence[Scene], own: Sequence[Liquid]
+) -> pd.DataFrame:
     known = {scene.id: scene for scene in scenes}
     # Practice trials may show scenes that are none of the study's.
     judged = table["phase"] == TEST
@@ -212,9 +190,10 @@ def _with_known_scenes(path: Path, table: pd.DataFrame, scenes: Sequence[Scene])
     for row, liquid, scene in zip(
         table["row"][judged], table["liquid"][judged], table["scene"][judged], strict=True
     ):
-        if (liquid, known[scene].goal.kind) not in names:
+        kind = known[scene].goal.kind
+        if (liquid, kind) not in names:
             try:
-                names[liquid, known[scene].goal.kind] = resolve_liquid(liquid, known[scene]).name
+                names[liquid, kind] = resolve_liquid(liquid, known[scene], own).name
             except InputError as error:
                 raise InputError(f"{path}: row {row}, column {error}") from None
     resolved = [

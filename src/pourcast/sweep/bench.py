@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pourcast.engine.batch import Job, Stepping, available_cores, run_batch
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.engine.solids import Solids, pack_solids
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.settings import EngineSettings, Kind
@@ -100,7 +100,7 @@ def speed(n_particles: int, kind: Kind, stepping: Stepping, threads: int) -> flo
     return BATCH / min(seconds)
 
 
-def speed_table(counts: Sequence[int] = COUNTS, report: Report | None = None) -> pd.DataFrame:
+def speed_table(counts: Sequence[int] = COUNTS, report: Report = no_report) -> pd.DataFrame:
     """Speed of liquid and marbles by number of particles, on one core and on all.
 
     Parameters
@@ -126,8 +126,7 @@ def speed_table(counts: Sequence[int] = COUNTS, report: Report | None = None) ->
     }
     cases = [(label, count) for label in kinds for count in counts]
     for done, (label, count) in enumerate(cases):
-        if report is not None:
-            report(f"{label}, N = {count}", done, len(cases))
+        report(f"{label}, N = {count}", done, len(cases))
         kind, used = kinds[label]
         spacing = spacing_of(count, _DEPTH / 2, _DEPTH)
         stepping = used.stepping(kind, spacing, WATER.viscosity_alpha)
@@ -151,7 +150,7 @@ PAPER = ("exp1", "exp2")
 """The paper's experiments, whose grids are measured."""
 
 
-def plan_table(share: float = 0.05, seed: int = 0, report: Report | None = None) -> pd.DataFrame:
+def plan_table(share: float = 0.05, seed: int = 0, report: Report = no_report) -> pd.DataFrame:
     """Time that the paper's grids take on this machine, from running a random share of each part.
 
     Parameters
@@ -176,8 +175,7 @@ def plan_table(share: float = 0.05, seed: int = 0, report: Report | None = None)
         parts = parts_of(plan, plan.shards)
         for done, part in enumerate(parts):
             label = f"{name}: {in_words(part.group)}"
-            if report is not None:
-                report(label, done, len(parts))
+            report(label, done, len(parts))
             count = max(BATCH, round(share * part.cells))
             measure(plan, part, 1, rng, threads=1)  # For the compiler.
             run, seconds, _ = measure(plan, part, count, rng, threads=available_cores())

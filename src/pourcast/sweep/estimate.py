@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pourcast.engine.batch import available_cores
 from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
 from pourcast.engine.simd import LANES
-from pourcast.progress import Report
+from pourcast.progress import Report, no_report
 from pourcast.sweep.plan import Plan, Shard, Span, trajectory_bytes
 from pourcast.sweep.settings import PourSetting
 from pourcast.sweep.shard import compute, task_of
+from pourcast.sweep.store import Store
+from pourcast.sweep.survey import survey
 
 Group = tuple[str, int, str]
 
@@ -110,7 +113,7 @@ def estimate(
     workers: int,
     *,
     budget: float = CALIBRATION_SECONDS,
-    report: Report | None = None,
+    report: Report = no_report,
 ) -> pd.DataFrame:
     """Time that some shards take on this machine, from a short calibration.
 
@@ -141,8 +144,7 @@ def estimate(
     for done, part in enumerate(_by_kind_and_size(parts)):
         if spent > budget:
             break
-        if report is not None:
-            report(f"trying {in_words(part.group)}", done, len(parts))
+        report(f"trying {in_words(part.group)}", done, len(parts))
         measure(plan, part, 1, rng, threads=1)  # For the compiler.
         run[part.group], seconds, expected = measure(plan, part, _sample_size(part), rng, threads=1)
         factors[part.group] = seconds / expected
@@ -158,6 +160,56 @@ def estimate(
     ]
     columns = ["part", "simulations", "run", "minutes"]
     return pd.DataFrame(rows, columns=columns).set_index("part")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is left of a plan, and what it takes.
+
+    Parameters
+    ----------
+    shards, simulations
+        To be done.
+    workers
+        How many work at a time.
+    parts
+        From `estimate`.
+    bytes
+        Disk space, roughly.
+    """
+
+    shards: int
+    simulations: int
+    workers: int
+    parts: pd.DataFrame
+    bytes: int
+
+    @property
+    def minutes(self) -> float:
+        """Time in all."""
+        return float(self.parts["minutes"].sum())
+
+
+def estimate_rest(
+    plan: Plan, store: Store, workers: int | None = None, *, report: Report = no_report
+) -> Estimate:
+    """What is left of a plan, and how long it takes; writes nothing.
+
+    Parameters
+    ----------
+    plan
+        What is wanted.
+    store
+        What is done.
+    workers
+        How many work at a time; as many as this machine has cores by default.
+    report
+        Told of the progress.
+    """
+    left, count = survey(plan, store).left, workers or available_cores()
+    parts = estimate(plan, left, count, report=report)
+    simulations = sum(shard.simulations for shard in left)
+    return Estimate(len(left), simulations, count, parts, disk_bytes(plan, left))
 
 
 def _by_kind_and_size(parts: Sequence[Part]) -> list[Part]:

@@ -1,6 +1,7 @@
 """What is asked: models, ranges of their parameters, and the liquids of the trials.
 
-A grid is a TOML file; the paper's and a quick one lie in `sweep/grids`.
+A grid is made of objects (`make_grid`) or read from a TOML file; the paper's and a quick one lie
+in `sweep/grids`.
 """
 
 import itertools
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pourcast.errors import InputError, one_line, unknown
@@ -92,7 +94,7 @@ def _values(given: Range | Value | list[Value]) -> list[Value]:
 
 
 class GridFile(BaseModel):
-    """The content of a grid file."""
+    """The content of a grid, and of its file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -105,7 +107,7 @@ class GridFile(BaseModel):
 
 
 @dataclass(frozen=True)
-class Asked:
+class GridPoint:
     """A model that is to judge all scenes, as trials with one liquid, with one seed."""
 
     name: str
@@ -119,26 +121,32 @@ class Asked:
 
 @dataclass(frozen=True)
 class Grid:
-    """A grid that was read and found right.
+    """A grid that was found right; see `make_grid` and `read_grid`.
 
     Parameters
     ----------
     name
         Its name: that of the file, without the extension.
-    text
-        The text of the file.
     content
         What it says.
     own
         The study's own liquids.
+    source
+        The text of the file; empty if there is none.
     """
 
     name: str
-    text: str
     content: GridFile
     own: tuple[Liquid, ...] = ()
+    source: str = ""
 
-    def asked(self) -> Iterator[Asked]:
+    @property
+    def text(self) -> str:
+        """The grid as TOML: the text of its file, if there is one."""
+        content = self.content.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+        return self.source or tomli_w.dumps(content)
+
+    def points(self) -> Iterator[GridPoint]:
         """All models, in the order of the file; later parameters vary fastest."""
         for entry in self.content.models:
             base, axes = entry.first(self.own), entry.axes()
@@ -147,16 +155,14 @@ class Grid:
             for combination in itertools.product(*parsed):
                 model = replace(base, **dict(zip(axes, combination, strict=True)))
                 for liquid, seed in itertools.product(entry.liquids, entry.seeds):
-                    yield Asked(entry.model, family, model, liquid, seed)
+                    yield GridPoint(entry.model, family, model, liquid, seed)
 
     def with_trajectories(self) -> "Grid":
         """The same grid, keeping every particle's path."""
         if self.content.trajectories:
             return self
-        text = f"trajectories = true\n{self.text}"
-        return Grid(
-            self.name, text, self.content.model_copy(update={"trajectories": True}), self.own
-        )
+        content = self.content.model_copy(update={"trajectories": True})
+        return Grid(self.name, content, self.own)
 
 
 def _parsed(
@@ -188,7 +194,7 @@ def read_grid(name_or_path: str, own: Sequence[Liquid] = ()) -> Grid:
 
     Examples
     --------
-    >>> sum(1 for _ in read_grid("quick").asked())
+    >>> sum(1 for _ in read_grid("quick").points())
     324
     """
     if name_or_path in grid_names():
@@ -236,12 +242,42 @@ def parse_grid(text: str, name: str, source: str, own: Sequence[Liquid] = ()) ->
         raise InputError(f"{source}: not a TOML file ({error})") from None
     except ValidationError as error:
         raise InputError(f"{source}: {one_line(error)}") from None
-    for place, entry in enumerate(content.models):
+    return replace(make_grid(name, content, own, source), source=text)
+
+
+def make_grid(
+    name: str, content: GridFile, own: Sequence[Liquid] = (), source: str | None = None
+) -> Grid:
+    """Grid from what it says; every model and value in it is checked.
+
+    Parameters
+    ----------
+    name
+        Its name, by which a store keeps it.
+    content
+        What it says.
+    own
+        The study's own liquids.
+    source
+        Where it is from, for error messages; its name by default.
+
+    Raises
+    ------
+    InputError
+        One line that names the entry, the field and what was expected.
+
+    Examples
+    --------
+    >>> entry = GridModels(model="simple", parameters={"g": [0.0, 0.1]})
+    >>> [point.model.g for point in make_grid("two", GridFile(models=[entry])).points()]
+    [0.0, 0.1]
+    """
+    for number, entry in enumerate(content.models):
         try:
             _check(entry, own)
         except InputError as error:
-            raise InputError(f"{source}: models[{place}]: {error}") from None
-    return Grid(name, text, content, tuple(own))
+            raise InputError(f"{source or name}: models[{number}]: {error}") from None
+    return Grid(name, content, tuple(own))
 
 
 def _check(entry: GridModels, own: Sequence[Liquid]) -> None:

@@ -1,7 +1,7 @@
 """Judgments of many models on a study's scenes, found by model and parameters."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,20 +12,35 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError, StoreError
-from pourcast.models.registry import family_of, make_model, name_of, parse_spec
+from pourcast.files import finished_files
+from pourcast.models.registry import MODELS, family_of, make_model, name_of, parse_spec
 from pourcast.progress import Report
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.study.folder import study_liquids
 from pourcast.sweep.executors.choose import ClusterOptions, make_executor
-from pourcast.sweep.grid import Grid, parse_grid
+from pourcast.sweep.grid import Grid, GridFile, GridModels, make_grid
 from pourcast.sweep.plan import make_plan
-from pourcast.sweep.run import SweepProgress, SweepResult, run_sweep
+from pourcast.sweep.run import SweepReport, SweepResult, no_sweep_report, run_sweep
 from pourcast.sweep.store import Store
+from pourcast.tables import (
+    TABLE_SUFFIXES,
+    numbers_in,
+    read_table,
+    refuse_rows,
+    require_columns,
+)
 
 Array = NDArray[np.float64]
 
 Request = tuple[str, str]
 """Liquid of the trials, and spec of a model."""
+
+SMALL_WORK = 3.0
+"""Work that is done without other processes [s of one core]; they take over a second to start."""
+
+TEXT_COLUMNS = ("scene", "digest", "liquid", "model", "parameters")
 
 COLUMNS = ["digest", "liquid", "model", "parameters", "seed", "judgment"]
 
@@ -46,11 +61,14 @@ class Judged:
         `head` for the liquid in the model's head.
     judgments
         Shape [row_count, scene_count]; NaN where none is known.
+    own
+        The study's own liquids.
     """
 
     scenes: tuple[Scene, ...]
     rows: pd.DataFrame
     judgments: Array
+    own: tuple[Liquid, ...] = ()
 
     def find(self, liquid: str, spec: str) -> Array | None:
         """A model's judgments on all scenes; None if they are not all known.
@@ -67,7 +85,7 @@ class Judged:
 
     def row(self, liquid: str, spec: str) -> Array | None:
         """A model's judgments as far as they are known, NaN elsewhere; None if none is."""
-        wanted = json.dumps(make_model(spec).parameters())
+        wanted = json.dumps(make_model(spec, self.own).parameters())
         same = (self.rows["liquid"] == liquid) & (self.rows["parameters"] == wanted)
         places = np.flatnonzero(same & (self.rows["family"] == family_of(name_of(spec))))
         return self.judgments[places[0]] if len(places) else None
@@ -76,19 +94,24 @@ class Judged:
         """Only the judgments of some scenes."""
         place = {scene.id: k for k, scene in enumerate(self.scenes)}
         chosen = [place[scene.id] for scene in scenes]
-        return Judged(tuple(scenes), self.rows, self.judgments[:, chosen])
+        return Judged(tuple(scenes), self.rows, self.judgments[:, chosen], self.own)
 
     def on_trials(self, liquid: str, **values: Any) -> NDArray[np.int64]:
         """Rows of models that judge trials with a liquid, with these values; see `where`.
 
-        If there are none, those under any other liquid, each once: where the liquid is in a
-        model's head, what the trial shows makes no difference.
+        If there are none, those under any other liquid, each model once; but only of models to
+        which it makes no difference what the trial shows.
         """
         rows = self.where(liquid=liquid, **values)
-        if len(rows) == 0:
-            rows = self.where(**values)
-            rows = rows[~self.rows["parameters"].iloc[rows].duplicated().to_numpy()]
-        return rows
+        if len(rows):
+            return rows
+        others = self.rows.iloc[self.where(**values)]
+        alike = [
+            not _follows_trial(family, json.loads(parameters))
+            for family, parameters in zip(others["family"], others["parameters"], strict=True)
+        ]
+        others = others[np.array(alike, dtype=np.bool_)]
+        return others.index[~others.duplicated(["family", "parameters"])].to_numpy(np.int64)
 
     def where(self, **values: Any) -> NDArray[np.int64]:
         """Rows with these values in these columns, whose judgments are all known."""
@@ -100,7 +123,17 @@ class Judged:
         return np.flatnonzero(same)
 
 
-def judged_from(tables: Iterable[pd.DataFrame], scenes: Sequence[Scene]) -> Judged:
+def _follows_trial(family: str, parameters: Mapping[str, Any]) -> bool:
+    """Whether a model's judgments depend on the trial's liquid; yes if it isn't known here."""
+    try:
+        return MODELS.get(family).follows_trial(parameters)
+    except InputError:
+        return True
+
+
+def judged_from(
+    tables: Iterable[pd.DataFrame], scenes: Sequence[Scene], own: tuple[Liquid, ...] = ()
+) -> Judged:
     """Put tables of judgments together; the first seed of each model counts.
 
     Parameters
@@ -114,7 +147,7 @@ def judged_from(tables: Iterable[pd.DataFrame], scenes: Sequence[Scene]) -> Judg
     place = {scene.digest: k for k, scene in enumerate(scenes)}
     empty = pd.DataFrame(columns=["liquid", "family", "parameters", "head"])
     if not parts:
-        return Judged(tuple(scenes), empty, np.empty((0, len(scenes))))
+        return Judged(tuple(scenes), empty, np.empty((0, len(scenes))), own)
     table = pd.concat(parts, ignore_index=True)
     table = table[table["digest"].isin(place)].sort_values("seed", kind="stable")
     names = {name: family_of(name) for name in table["model"].unique()}
@@ -129,7 +162,8 @@ def judged_from(tables: Iterable[pd.DataFrame], scenes: Sequence[Scene]) -> Judg
     parameters = pd.DataFrame([columns_of(json.loads(text)) for text in rows["parameters"]])
     same = {scene.digest: k for k, scene in enumerate(scenes)}
     twins = [same[scene.digest] for scene in scenes]
-    return Judged(tuple(scenes), pd.concat([rows, parameters], axis=1), judgments[:, twins])
+    labelled = pd.concat([rows, parameters], axis=1)
+    return Judged(tuple(scenes), labelled, judgments[:, twins], own)
 
 
 def columns_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -146,19 +180,44 @@ def read_judged(study: Path, scenes: Sequence[Scene]) -> Judged:
     Raises
     ------
     InputError
-        If a table can't be read.
+        If a table can't be read; names file, row and column of what is wrong.
     """
-    found = []
-    for path in sorted((study / "judgments").glob("*")):
-        if path.suffix not in (".csv", ".parquet") or path.stem.endswith("-incomplete"):
-            continue
-        try:
-            reader = pd.read_csv if path.suffix == ".csv" else pd.read_parquet
-            found.append(reader(path))
-            found[-1][COLUMNS]
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(f"{path}: not a table of judgments ({error})") from None
-    return judged_from(found, scenes)
+    paths = finished_files(study / "judgments")
+    tables = [
+        read_judgments(path)
+        for path in paths
+        if path.suffix in TABLE_SUFFIXES and not path.stem.endswith("-incomplete")
+    ]
+    return judged_from(tables, scenes, study_liquids(study))
+
+
+def read_judgments(path: Path) -> pd.DataFrame:
+    """Read a table of judgments, as `prediction.predict` or a sweep makes it, and check it.
+
+    Raises
+    ------
+    InputError
+        One line that names the row, the column and what was expected.
+    """
+    table = read_table(path, text=TEXT_COLUMNS)
+    require_columns(path, table, COLUMNS)
+    for column in TEXT_COLUMNS[1:]:
+        refuse_rows(path, table, column, table[column].isna(), "expected text")
+    broken = [text for text in table["parameters"].unique() if not _is_json_object(text)]
+    wrong = table["parameters"].isin(broken)
+    refuse_rows(path, table, "parameters", wrong, "expected a JSON object")
+    table["seed"] = numbers_in(path, table, "seed", table["seed"].isna())
+    table["judgment"] = numbers_in(path, table, "judgment")
+    outside = ~table["judgment"].between(0.0, 1.0) & table["judgment"].notna()
+    refuse_rows(path, table, "judgment", outside, "expected 0..1")
+    return table
+
+
+def _is_json_object(text: str) -> bool:
+    try:
+        return isinstance(json.loads(text), dict)
+    except ValueError:
+        return False
 
 
 def judge_in_study(
@@ -168,7 +227,7 @@ def judge_in_study(
     name: str,
     *,
     workers: int | None = None,
-    report: Callable[[SweepProgress], None] | None = None,
+    report: SweepReport = no_sweep_report,
 ) -> dict[Request, Array]:
     """Judgments of models; simulations go through the study's store, and none is done twice.
 
@@ -196,16 +255,17 @@ def judge_in_study(
     """
     if not requests:
         return {}
-    grid = parse_grid(grid_text(requests, scenes[0]), name, name)
+    own = study_liquids(study)
+    grid = grid_of(requests, scenes[0], name, own)
     result = sweep_in_study(study, scenes, grid, workers=workers, report=report)
     if result.failures:
         raise StoreError(f"{study}: {result.failures[0].message}")
-    judged = judged_from([result.table], scenes)
+    judged = judged_from([result.table], scenes, own)
     kinds = {scene.goal.kind: scene for scene in scenes}.values()
     found: dict[Request, Array] = {}
     for liquid, spec in requests:
         answer = np.full(len(scenes), np.nan)
-        for name_there in {resolve_liquid(liquid, scene).name for scene in kinds}:
+        for name_there in {resolve_liquid(liquid, scene, own).name for scene in kinds}:
             row = judged.row(name_there, spec)
             answer = answer if row is None else np.where(np.isnan(row), answer, row)
         found[liquid, spec] = answer
@@ -218,29 +278,44 @@ def sweep_in_study(
     grid: Grid,
     *,
     workers: int | None = None,
-    report: Callable[[SweepProgress], None] | None = None,
+    report: SweepReport = no_sweep_report,
 ) -> SweepResult:
-    """Run a grid over a study's scenes here; see `judge_in_study` and `sweep.run.run_sweep`."""
+    """Run a grid over a study's scenes here; see `judge_in_study` and `sweep.run.run_sweep`.
+
+    Small work is done in this process: others take longer to start.
+    """
     store = Store(study / "sweep")
     opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
-    return run_sweep(make_plan(grid, scenes), store, opened, report=report)
+    return run_sweep(
+        make_plan(grid, scenes), store, opened, in_process_below=SMALL_WORK, report=report
+    )
 
 
-def grid_text(requests: Sequence[Request], scene: Scene) -> str:
-    """TOML of a grid that asks for some models."""
+def grid_of(
+    requests: Sequence[Request], scene: Scene, name: str, own: Sequence[Liquid] = ()
+) -> Grid:
+    """A grid that asks for some models.
+
+    Parameters
+    ----------
+    requests
+        Liquids of trials and specs of models.
+    scene
+        One of the scenes that are to be judged.
+    name
+        Name of the grid.
+    own
+        The study's own liquids.
+    """
     entries = []
     for liquid, spec in requests:
-        make_model(spec)
-        resolve_liquid(liquid, scene)
-        name, values = parse_spec(spec)
-        lines = ["[[models]]", f"model = {json.dumps(name)}", f"liquids = [{json.dumps(liquid)}]"]
-        lines += [f"parameters.{key} = {json.dumps(value)}" for key, value in values.items()]
-        entries.append("\n".join(lines))
-    return "\n\n".join(entries) + "\n"
+        make_model(spec, own)
+        resolve_liquid(liquid, scene, own)
+        model, values = parse_spec(spec)
+        entries.append(GridModels(model=model, liquids=(liquid,), parameters=dict(values)))
+    return make_grid(name, GridFile(models=tuple(entries)), own)
 
 
-def sweep_words(report: Report | None, what: str) -> Callable[[SweepProgress], None] | None:
+def sweep_words(report: Report, what: str) -> SweepReport:
     """Tell of a sweep as of any other work."""
-    if report is None:
-        return None
     return lambda now: report(what, now.simulations, now.all_simulations)

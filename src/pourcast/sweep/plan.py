@@ -18,11 +18,10 @@ from pourcast.models.base import SimulationModel
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
-from pourcast.simulation.run import engine_version
 from pourcast.simulation.settings import EngineSettings
 from pourcast.sweep.cost import simulated_seconds
-from pourcast.sweep.grid import Asked, Grid
-from pourcast.sweep.settings import JudgeSetting, PourSetting, Setting, digest
+from pourcast.sweep.grid import Grid, GridPoint
+from pourcast.sweep.settings import JudgeSetting, PourSetting, Setting, digest, goal_version
 
 LONGEST_SHARD = 60.0
 """Work in a shard of a large grid [s of one core]."""
@@ -93,7 +92,7 @@ class Row(NamedTuple):
 class Answer:
     """How a model's judgments are put together: the mean over some settings."""
 
-    asked: Asked
+    point: GridPoint
     trial_liquid: str
     settings: tuple[int, ...]
     start: int
@@ -147,6 +146,11 @@ class Plan:
     def scene_digests(self) -> tuple[str, ...]:
         """Digest of each of `scenes`."""
         return tuple(scene.digest for scene in self.scenes)
+
+    @cached_property
+    def goal_versions(self) -> tuple[str, ...]:
+        """State of the code of the goal of each of `scenes`."""
+        return tuple(goal_version(type(scene.goal)) for scene in self.scenes)
 
     @cached_property
     def shards(self) -> tuple[Shard, ...]:
@@ -207,10 +211,10 @@ class Plan:
 
     def _identified(self, number: int, spans: Sequence[Span]) -> Shard:
         spans = sorted(spans)
-        name = hashlib.sha256(self._engine)
+        name = hashlib.sha256(b"trajectories" if self.trajectories else b"")
         for setting, start, stop in spans:
             name.update(self._setting_digests[setting])
-            name.update("".join(self.scene_digests[start:stop]).encode())
+            name.update("".join(self._scene_names[start:stop]).encode())
         return Shard(name.hexdigest()[:20], number, tuple(spans), *self.work_in(spans))
 
     def work_in(self, spans: Sequence[Span]) -> tuple[float, int]:
@@ -220,8 +224,8 @@ class Plan:
         return seconds, sum(count * row.simulations for count, row in rows)
 
     @cached_property
-    def _engine(self) -> bytes:
-        return f"{engine_version()} {'trajectories' if self.trajectories else ''}".encode()
+    def _scene_names(self) -> list[str]:
+        return [f"{a} {b} " for a, b in zip(self.scene_digests, self.goal_versions, strict=True)]
 
     @cached_property
     def _setting_digests(self) -> list[bytes]:
@@ -272,13 +276,13 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
         (kinds.index(kind), kinds.index(kind) + kinds.count(kind)) for kind in dict.fromkeys(kinds)
     ]
     places: dict[Setting, set[tuple[int, int]]] = {}
-    wanted: list[tuple[Asked, str, list[Setting], tuple[int, int]]] = []
-    for asked in grid.asked():
+    wanted: list[tuple[GridPoint, str, list[Setting], tuple[int, int]]] = []
+    for point in grid.points():
         for part in parts:
-            needed, liquid = _needed(asked, ordered[part[0]], grid.own)
+            needed, liquid = _needed(point, ordered[part[0]], grid.own)
             for setting in needed:
                 places.setdefault(setting, set()).add(part)
-            wanted.append((asked, liquid, needed, part))
+            wanted.append((point, liquid, needed, part))
     settings = tuple(sorted(places, key=lambda setting: setting.order))
     number = {setting: place for place, setting in enumerate(settings)}
     rows = [
@@ -287,15 +291,15 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
         for part in sorted(places[setting])
     ]
     answers = (
-        Answer(asked, liquid, tuple(number[setting] for setting in needed), *part)
-        for asked, liquid, needed, part in wanted
+        Answer(point, liquid, tuple(number[setting] for setting in needed), *part)
+        for point, liquid, needed, part in wanted
     )
     return Plan(grid, tuple(scenes), tuple(ordered), settings, tuple(rows), tuple(answers))
 
 
-def _needed(asked: Asked, scene: Scene, own: Sequence[Liquid]) -> tuple[list[Setting], str]:
+def _needed(point: GridPoint, scene: Scene, own: Sequence[Liquid]) -> tuple[list[Setting], str]:
     """Settings of a model for scenes like this one, and the trial's liquid."""
-    liquid, model = resolve_liquid(asked.liquid, scene, own), asked.model
+    liquid, model = resolve_liquid(point.liquid, scene, own), point.model
     if isinstance(model, SimulationModel) and model.same_pours_everywhere:
         return [PourSetting.of(pour) for pour in model.pours(scene, liquid)], liquid.name
-    return [JudgeSetting(asked.family, model, liquid, asked.seed)], liquid.name
+    return [JudgeSetting(point.family, model, liquid, point.seed)], liquid.name

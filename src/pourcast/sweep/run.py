@@ -2,15 +2,16 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
 import pandas as pd
 
-from pourcast.errors import StoreError
+from pourcast.errors import InputError, StoreError
 from pourcast.extras import optional_module
 from pourcast.sweep.executors import Executor
+from pourcast.sweep.executors.in_process import InProcessExecutor
 from pourcast.sweep.plan import Plan, Shard
 from pourcast.sweep.shard import run_shard, task_of
 from pourcast.sweep.store import Damage, Failure, Store
@@ -48,7 +49,12 @@ class SweepProgress:
     failed: int
 
 
-Report = Callable[[SweepProgress], None]
+SweepReport = Callable[[SweepProgress], None]
+"""Called with where a sweep is, now and then."""
+
+
+def no_sweep_report(now: SweepProgress) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,8 @@ def run_sweep(
     open_executor: Callable[[], Executor],
     *,
     attempts: int = ATTEMPTS,
-    report: Report | None = None,
+    in_process_below: float = 0.0,
+    report: SweepReport = no_sweep_report,
 ) -> SweepResult:
     """Do what is left of a plan, and gather the table.
 
@@ -88,6 +95,8 @@ def run_sweep(
         at the end.
     attempts
         How often a shard is tried before it is given up; the others go on.
+    in_process_below
+        If less rough work is left [s of one core], it is done here and now.
     report
         Told of the progress.
 
@@ -107,7 +116,9 @@ def run_sweep(
     damaged = list(before.damaged)
     failures: list[Failure] = []
     if before.left:
-        with closing(open_executor()) as executor:
+        work = sum(shard.seconds for shard in before.left)
+        here = work < in_process_below
+        with closing(InProcessExecutor() if here else open_executor()) as executor:
             # Again if a file was damaged as soon as it was written, but not for ever.
             for _ in range(attempts):
                 failures = _drive(plan, store, executor, left.left, attempts, report)
@@ -140,7 +151,7 @@ def _drive(
     executor: Executor,
     shards: Sequence[Shard],
     attempts: int,
-    report: Report | None,
+    report: SweepReport,
 ) -> list[Failure]:
     """Do shards, again if they fail; returns those that were given up."""
     named = {shard.id: shard for shard in shards}
@@ -171,7 +182,7 @@ def _drive(
 class _Tally:
     """Counts what is done, and reports it."""
 
-    def __init__(self, shards: Sequence[Shard], report: Report | None) -> None:
+    def __init__(self, shards: Sequence[Shard], report: SweepReport) -> None:
         self._report = report
         self._all = len(shards), sum(s.simulations for s in shards), sum(s.seconds for s in shards)
         self._shards = self._simulations = self.failed = 0
@@ -187,8 +198,6 @@ class _Tally:
 
     def tell(self, simulations: int = 0, seconds: float = 0.0) -> None:
         self._under_way = self._under_way[0] + simulations, self._under_way[1] + seconds
-        if self._report is None:
-            return
         all_shards, all_simulations, all_seconds = self._all
         self._report(
             SweepProgress(
@@ -204,8 +213,44 @@ class _Tally:
         )
 
 
-def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[TaskResult]:
+def parse_part(text: str, shard_count: int) -> tuple[int, int]:
+    """Which shards a task of a job array does, from what it was told.
+
+    Parameters
+    ----------
+    text
+        ``I``, the number of one shard, or ``I/K``, every K-th from number I on.
+    shard_count
+        Number of shards.
+
+    Returns
+    -------
+    part, parts
+        As for `run_part`.
+
+    Raises
+    ------
+    InputError
+        If it is anything else, or there is no such shard.
+
+    Examples
+    --------
+    >>> parse_part("3", 100), parse_part("3/10", 100)
+    ((3, 100), (3, 10))
+    """
+    first, slash, step = text.partition("/")
+    parts = shard_count if not slash else int(step) if step.isdecimal() else 0
+    if not first.isdecimal() or parts < 1 or int(first) >= parts:
+        raise InputError(
+            f"shard: expected a number from 0 to {shard_count - 1}, or I/K, found {text!r}"
+        )
+    return int(first), parts
+
+
+def run_part(plan: Plan, store: Store, part: int, parts: int) -> Iterator[TaskResult]:
     """Do every `parts`-th shard from number `part` on, here and now; for a task of a job array.
+
+    Shards are done one by one as the results are taken; a failure is kept at once.
 
     Parameters
     ----------
@@ -218,8 +263,8 @@ def run_part(plan: Plan, store: Store, part: int, parts: int) -> list[TaskResult
     """
     store.prepare()
     left = _repaired(plan, store, plan.shards[part::parts]).left
-    results = [run_shard(task_of(plan, shard, store.folder)) for shard in left]
-    for result in results:
+    for shard in left:
+        result = run_shard(task_of(plan, shard, store.folder))
         if result.outcome == "failed":
             store.keep_failure(Failure(result.task, 1, result.message))
-    return results
+        yield result

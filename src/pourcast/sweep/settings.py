@@ -8,18 +8,19 @@ draws of noisy starts, models of other packages.
 
 import hashlib
 import json
-import sys
-from dataclasses import asdict, dataclass
-from functools import cached_property, lru_cache
-from pathlib import Path
+from dataclasses import asdict, dataclass, fields
+from functools import cache, cached_property
 from typing import Any
 
-from pourcast.engine.compile import digest_of_sources
-from pourcast.models.base import Model, SimulationModel
-from pourcast.scenes.liquids.base import Liquid
+from pourcast.models.base import Model, SimulationModel, choices_of
+from pourcast.scenes.goals.base import Goal
+from pourcast.scenes.liquids.base import RESERVED, Liquid
+from pourcast.scenes.liquids.registry import known_liquids
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour, spacing_in
+from pourcast.simulation.run import engine_version
 from pourcast.simulation.settings import Kind
+from pourcast.simulation.versions import code_version, defining_modules
 from pourcast.sweep.cost import pour_seconds, simulated_seconds
 
 
@@ -46,9 +47,14 @@ class PourSetting:
 
     @cached_property
     def identity(self) -> str:
-        """All that determines the outcome in a scene, as JSON; but for the engine's version."""
+        """All that determines the outcome in a scene, as JSON; but for the code."""
         content = asdict(self) | {"liquid": self.liquid.engine_identity}
         return json.dumps(content, sort_keys=True)
+
+    @property
+    def version(self) -> str:
+        """Name of the state of the code that determines the outcome; see `engine_version`."""
+        return engine_version()
 
     @cached_property
     def order(self) -> tuple[Any, ...]:
@@ -84,17 +90,23 @@ class JudgeSetting:
 
     @cached_property
     def identity(self) -> str:
-        """All that determines the judgment of a scene, as JSON; but for the engine's version."""
-        content = {
+        """All that determines the judgment of a scene, as JSON; but for the code."""
+        content: dict[str, Any] = {
             "model": self.name,
             "parameters": self.model.parameters(),
-            "liquid": asdict(self.liquid),  # a model of another package may use all of it
+            "liquid": _as_models_see(self.liquid),
             "seed": self.seed,
-            "source": model_source(type(self.model)),
         }
+        if named := _named_liquids(self.model):
+            content["liquids"] = named
         if fingerprint := self.model.fingerprint:
             content["fingerprint"] = fingerprint
         return json.dumps(content, sort_keys=True)
+
+    @property
+    def version(self) -> str:
+        """Name of the state of the code that determines the judgment; see `model_version`."""
+        return model_version(type(self.model))
 
     @cached_property
     def order(self) -> tuple[Any, ...]:
@@ -128,12 +140,55 @@ Setting = PourSetting | JudgeSetting
 
 
 def digest(setting: Setting) -> bytes:
-    """Short name of a setting: 16 bytes."""
-    return hashlib.sha256(setting.identity.encode()).digest()[:16]
+    """Short name of a setting and of the state of its code: 16 bytes."""
+    return hashlib.sha256(f"{setting.identity} {setting.version}".encode()).digest()[:16]
 
 
-@lru_cache
-def model_source(kind: type[Model]) -> str:
-    """Name of the state of the file that defines a model; empty if there is none."""
-    path = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    return digest_of_sources([Path(path)]) if path and Path(path).exists() else ""
+def model_version(model: type[Model]) -> str:
+    """Name of the state of the code that a model judges with, but for the goals' own.
+
+    Parameters
+    ----------
+    model
+        The model, ours or another package's.
+    """
+    without: tuple[str, ...] = ("pourcast.scenes.goals", "pourcast.simulation.versions")
+    if not issubclass(model, SimulationModel):
+        without += ("pourcast.models.base",)  # It decides nothing for models that don't pour.
+    return code_version(defining_modules(model, Model), without)
+
+
+def goal_version(goal: type[Goal]) -> str:
+    """Name of the state of the code that says what a goal holds, and where its solids are.
+
+    Parameters
+    ----------
+    goal
+        The goal, ours or another package's.
+    """
+    return code_version((*defining_modules(goal, Goal), Goal.__module__), words=False)
+
+
+_NOT_SEEN = ("called", "goals", "film_seconds")
+"""What a liquid says of itself, but no model can judge by."""
+
+
+def _as_models_see(liquid: Liquid) -> dict[str, Any]:
+    """All of a liquid that a model can judge by, another package's or ours."""
+    return {name: value for name, value in asdict(liquid).items() if name not in _NOT_SEEN}
+
+
+def _named_liquids(model: Model) -> list[dict[str, float]]:
+    """What the liquids are like that a model's parameters name."""
+    names = [
+        getattr(model, entry.name)
+        for entry in fields(model)
+        if isinstance(getattr(model, entry.name), str) and choices_of(entry.metadata) is not None
+    ]
+    return [liquid for name in names for liquid in _liquids_called(name)]
+
+
+@cache
+def _liquids_called(name: str) -> list[dict[str, float]]:
+    known = known_liquids() if name != RESERVED else []
+    return [one.engine_identity for one in known if name in (one.name, one.called)]

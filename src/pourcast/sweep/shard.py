@@ -11,16 +11,20 @@ import pyarrow as pa
 from pourcast.errors import StoreError
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Outcome, Pour
-from pourcast.simulation.run import engine_version, simulate
+from pourcast.simulation.run import simulate
 from pourcast.simulation.settings import EngineSettings
 from pourcast.sweep.plan import Plan, Shard, Span
-from pourcast.sweep.settings import JudgeSetting, Setting
-from pourcast.sweep.store import SCHEMA, Store
-from pourcast.sweep.task import OnWork, TaskResult, told
+from pourcast.sweep.settings import JudgeSetting, Setting, goal_version
+from pourcast.sweep.store import SCHEMA, Store, version_of_row
+from pourcast.sweep.task import OnWork, TaskResult, no_work, told
 from pourcast.sweep.trajectories import write_trajectories
 
 OnDone = Callable[[int], None]
 """Called with the number of simulations that were done since the last call."""
+
+
+def nobody(done: int) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +37,10 @@ class ShardTask:
         The shard; its spans count in `settings` and `scenes` below.
     store
         Folder of the store; the worker sees it under the same name.
-    settings, scenes
-        Those that occur in the shard, and their digests.
-    engine
-        Version of the engine that planned it.
+    settings, scenes, digests
+        Those that occur in the shard, and the scenes' digests.
+    versions
+        State of the code of each setting, and of each scene's goal, where it was planned.
     trajectories
         Whether to keep the particles' paths.
     """
@@ -46,7 +50,7 @@ class ShardTask:
     settings: tuple[Setting, ...]
     scenes: tuple[Scene, ...]
     digests: tuple[str, ...]
-    engine: str
+    versions: tuple[tuple[str, ...], tuple[str, ...]]
     trajectories: bool
 
     @property
@@ -54,10 +58,8 @@ class ShardTask:
         """Name of the shard."""
         return self.shard.id
 
-    def run(self, on_work: OnWork | None = None) -> TaskResult:
+    def run(self, on_work: OnWork = no_work) -> TaskResult:
         """Do the shard; see `run_shard`."""
-        if on_work is None:
-            return run_shard(self)
         each = self.shard.seconds / self.shard.simulations
         return run_shard(self, lambda done: on_work(done, done * each))
 
@@ -79,12 +81,15 @@ def task_of(plan: Plan, shard: Shard, store: Path) -> ShardTask:
         settings=tuple(plan.settings[k] for k in settings),
         scenes=tuple(plan.scenes[k] for k in scenes),
         digests=tuple(plan.scene_digests[k] for k in scenes),
-        engine=engine_version(),
+        versions=(
+            tuple(plan.settings[k].version for k in settings),
+            tuple(plan.goal_versions[k] for k in scenes),
+        ),
         trajectories=plan.trajectories,
     )
 
 
-def run_shard(task: ShardTask, on_done: OnDone | None = None) -> TaskResult:
+def run_shard(task: ShardTask, on_done: OnDone = nobody) -> TaskResult:
     """Do a shard unless it is done or somebody is at it; never raises an ordinary error.
 
     Parameters
@@ -118,8 +123,12 @@ class _Row(NamedTuple):
     pour: Pour | None
 
 
-def _do(task: ShardTask, store: Store, on_done: OnDone | None) -> None:
-    if task.engine != engine_version():
+def _do(task: ShardTask, store: Store, on_done: OnDone) -> None:
+    here = (
+        tuple(setting.version for setting in task.settings),
+        tuple(goal_version(type(scene.goal)) for scene in task.scenes),
+    )
+    if task.versions != here:
         raise RuntimeError("the worker has another version of pourcast than the planner")
     table, outcomes = compute(task, on_done=on_done)
     if task.trajectories and any(outcomes):
@@ -128,7 +137,7 @@ def _do(task: ShardTask, store: Store, on_done: OnDone | None) -> None:
 
 
 def compute(
-    task: ShardTask, *, threads: int = 1, on_done: OnDone | None = None
+    task: ShardTask, *, threads: int = 1, on_done: OnDone = nobody
 ) -> tuple[pa.Table, list[Outcome | None]]:
     """Do the work of a shard, and keep nothing.
 
@@ -151,8 +160,7 @@ def compute(
 
     def progress(done: int, _total: int) -> None:
         nonlocal seen
-        if on_done is not None:
-            on_done(done - seen)
+        on_done(done - seen)
         seen = done
 
     pours = [row.pour for row in rows if row.pour is not None]
@@ -172,7 +180,7 @@ def _rows(task: ShardTask) -> Iterator[_Row]:
 
 
 def _judgments(
-    task: ShardTask, rows: Sequence[_Row], on_done: OnDone | None
+    task: ShardTask, rows: Sequence[_Row], on_done: OnDone
 ) -> dict[tuple[int, int], float]:
     """Judgments of the models that don't pour: (setting, scene) -> value."""
     asked: dict[int, list[int]] = {}
@@ -186,8 +194,7 @@ def _judgments(
         scenes = [task.scenes[k] for k in members]
         values = setting.model.judge(scenes, setting.liquid, setting.seed)
         found.update({(place, k): float(v) for k, v in zip(members, values, strict=True)})
-        if on_done is not None:
-            on_done(len(members))
+        on_done(len(members))
     return found
 
 
@@ -198,6 +205,8 @@ def _table(
     judgments: dict[tuple[int, int], float],
 ) -> pa.Table:
     identities = [setting.identity for setting in task.settings]
+    settings, goals = task.versions
+    versions = [version_of_row(settings[row.setting], goals[row.scene]) for row in rows]
     columns = {
         "scene": pa.DictionaryArray.from_arrays(
             pa.array([row.scene for row in rows], pa.int32()), pa.array(task.digests)
@@ -205,9 +214,7 @@ def _table(
         "setting": pa.DictionaryArray.from_arrays(
             pa.array([row.setting for row in rows], pa.int32()), pa.array(identities)
         ),
-        "engine": pa.DictionaryArray.from_arrays(
-            pa.array([0] * len(rows), pa.int32()), pa.array([task.engine])
-        ),
+        "engine": pa.array(versions).dictionary_encode(),
         "draw": [row.draw for row in rows],
         "judgment": [
             judgments[row.setting, row.scene] if outcome is None else outcome.judgment

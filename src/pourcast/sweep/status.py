@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.sweep.grid import parse_grid
 from pourcast.sweep.plan import Plan, make_plan
@@ -55,7 +56,7 @@ def status_of(plan: Plan, store: Store) -> Status:
     )
 
 
-def all_statuses(store: Store, scenes: Sequence[Scene]) -> list[Status]:
+def all_statuses(store: Store, scenes: Sequence[Scene], own: Sequence[Liquid] = ()) -> list[Status]:
     """How far all sweeps are that were begun in a study.
 
     Parameters
@@ -64,8 +65,11 @@ def all_statuses(store: Store, scenes: Sequence[Scene]) -> list[Status]:
         The study's store.
     scenes
         Its scenes.
+    own
+        The study's own liquids.
     """
     grids = [
-        parse_grid(path.read_text(encoding="utf-8"), path.stem, str(path)) for path in store.grids()
+        parse_grid(path.read_text(encoding="utf-8"), path.stem, str(path), own)
+        for path in store.grids()
     ]
     return [status_of(make_plan(grid, scenes), store) for grid in grids]

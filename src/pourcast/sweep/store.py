@@ -47,10 +47,15 @@ SCHEMA = pa.schema(
     ]
 )
 """A shard's table, one row a simulation: digest of the scene, setting (JSON, what
-`sweep.settings` calls its identity), version of the engine, number among the draws of a
-noisy model, judgment, and, if it was a pour: shares stranded and touched, simulated time
-[s], and whether it came to rest. Row k of a shard with trajectories is element k of their
+`sweep.settings` calls its identity), state of the code (`version_of_row`), number among the
+draws of a noisy model, judgment, and, if it was a pour: shares stranded and touched, simulated
+time [s], and whether it came to rest. Row k of a shard with trajectories is element k of their
 array."""
+
+
+def version_of_row(setting: str, goal: str) -> str:
+    """State of all code that a row depends on: its setting's and its goal's."""
+    return f"{setting}+{goal}"
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """What of a plan is done, and what is left."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,9 +9,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pourcast.simulation.run import engine_version
 from pourcast.sweep.plan import DoneScenes, Plan, Shard
-from pourcast.sweep.store import Damage, Store
+from pourcast.sweep.store import Damage, Store, version_of_row
 
 
 @dataclass(frozen=True)
@@ -89,16 +89,13 @@ class _Elsewhere:
     def __init__(self, plan: Plan) -> None:
         self.done: DoneScenes = {}
         self._plan = plan
-        self._setting = {setting.identity: k for k, setting in enumerate(plan.settings)}
-        self._scene = {name: k for k, name in enumerate(plan.scene_digests)}
+        self._rows = PlannedRows(plan)
 
     def adds(self, table: pa.Table | None) -> bool:
         """Take in a shard; whether it holds anything that is wanted."""
         if table is None or not self._fits(table):
             return False
-        settings = places(table["setting"], self._setting)
-        scenes = places(table["scene"], self._scene)
-        wanted = (settings >= 0) & (scenes >= 0)
+        settings, scenes, wanted = self._rows.find(table)
         for setting in np.unique(settings[wanted]):
             mask = self.done.setdefault(
                 int(setting), np.zeros(len(self._plan.scenes), dtype=np.bool_)
@@ -107,9 +104,35 @@ class _Elsewhere:
         return bool(wanted.any())
 
     def _fits(self, table: pa.Table) -> bool:
-        if table["engine"].unique().to_pylist() != [engine_version()]:
-            return False
         return not self._plan.trajectories or table.schema.metadata[b"trajectories"] == b"1"
+
+
+class PlannedRows:
+    """Finds rows of shards' tables in a plan."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._settings = {setting.identity: k for k, setting in enumerate(plan.settings)}
+        self._scenes = {name: k for k, name in enumerate(plan.scene_digests)}
+        of_settings, of_goals = [one.version for one in plan.settings], plan.goal_versions
+        pairs = itertools.product(dict.fromkeys(of_settings), dict.fromkeys(of_goals))
+        self._versions = {version_of_row(*pair): k for k, pair in enumerate(pairs)}
+        goals = list(dict.fromkeys(of_goals))
+        first = {version: k for k, version in enumerate(dict.fromkeys(of_settings))}
+        self._of_settings = np.array([first[one] * len(goals) for one in of_settings], np.int64)
+        self._of_scenes = np.array([goals.index(one) for one in of_goals], np.int64)
+
+    def find(
+        self, table: pa.Table
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Number of each row's setting and scene in the plan, and whether the plan wants it.
+
+        A row whose code has changed since is not wanted.
+        """
+        settings = places(table["setting"], self._settings)
+        scenes = places(table["scene"], self._scenes)
+        versions = places(table["engine"], self._versions)
+        expected = self._of_settings[settings] + self._of_scenes[scenes]
+        return settings, scenes, (settings >= 0) & (scenes >= 0) & (versions == expected)
 
 
 def places(column: pa.ChunkedArray, known: dict[str, int]) -> NDArray[np.int64]:

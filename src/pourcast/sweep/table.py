@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pourcast.sweep.plan import Answer, Plan
 from pourcast.sweep.store import Store
-from pourcast.sweep.survey import places
+from pourcast.sweep.survey import PlannedRows
 from pourcast.tables import write_table
 
 COLUMNS = ("scene", "digest", "liquid", "model", "parameters", "seed", "judgment")
@@ -45,16 +45,12 @@ def gather(plan: Plan, store: Store, files: Iterable[Path]) -> pd.DataFrame:
 def simulated(plan: Plan, store: Store, files: Iterable[Path]) -> NDArray[np.float64]:
     """Judgment of each setting in each scene, shape [settings, scenes]; NaN where none is known."""
     values = np.full((len(plan.settings), len(plan.scenes)), np.nan)
-    setting_place = {setting.identity: k for k, setting in enumerate(plan.settings)}
-    scene_place = {name: k for k, name in enumerate(plan.scene_digests)}
+    rows = PlannedRows(plan)
     for path in files:
         table = store.read(path)
         if table is not None:
-            settings = places(table["setting"], setting_place)
-            scenes = places(table["scene"], scene_place)
             first, judgments = _over_draws(table)
-            settings, scenes = settings[first], scenes[first]
-            wanted = (settings >= 0) & (scenes >= 0)
+            settings, scenes, wanted = (found[first] for found in rows.find(table))
             values[settings[wanted], scenes[wanted]] = judgments[wanted]
     return values
 
@@ -86,9 +82,9 @@ def judged(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
     ]
     per_answer: dict[str, list[Any]] = {
         "liquid": [a.trial_liquid for a in plan.answers],
-        "model": [a.asked.name for a in plan.answers],
-        "parameters": [json.dumps(a.asked.model.parameters()) for a in plan.answers],
-        "seed": [a.asked.seed for a in plan.answers],
+        "model": [a.point.name for a in plan.answers],
+        "parameters": [json.dumps(a.point.model.parameters()) for a in plan.answers],
+        "seed": [a.point.seed for a in plan.answers],
     }
     repeated = {
         name: np.repeat(np.array(column, dtype=None if name == "seed" else object), sizes)
@@ -98,7 +94,7 @@ def judged(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
         {"scene": ids[rows], "digest": digests[rows], **repeated}
         | {"judgment": np.concatenate(judgments)}
     )
-    models = [answer.asked.model for answer in plan.answers]
+    models = [answer.point.model for answer in plan.answers]
     for name in dict.fromkeys(name for model in models for name in model.parameters()):
         title = f"model_{name}" if name in COLUMNS else name
         table[title] = np.repeat(_column([getattr(model, name, None) for model in models]), sizes)

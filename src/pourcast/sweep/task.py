@@ -10,6 +10,10 @@ OnWork = Callable[[int, float], None]
 """Called now and then with simulations that were done since the last call, and rough work [s]."""
 
 
+def no_work(simulations: int, seconds: float) -> None:
+    """Tell nobody."""
+
+
 @dataclass(frozen=True)
 class TaskResult:
     """What became of a task.
@@ -38,7 +42,7 @@ class Task(Protocol):
         """Name of the task, different from all others'."""
         ...
 
-    def run(self, on_work: OnWork | None = None) -> TaskResult:
+    def run(self, on_work: OnWork = no_work) -> TaskResult:
         """Do the work; never raises an ordinary error."""
         ...
 

@@ -9,7 +9,7 @@ from pourcast.errors import InputError
 from pourcast.extras import require_extra
 from pourcast.files import finished_files
 from pourcast.scenes.scene import Scene
-from pourcast.study.folder import DATABASE
+from pourcast.study.folder import DATABASE, study_liquids
 from pourcast.study.responses import TEST, check_responses, read_responses
 
 RESPONSES = "responses"
@@ -37,10 +37,10 @@ def study_responses(
     InputError
         If there is none, or more than one; names file, row and column of what is wrong.
     """
-    source = path or find_responses(study)
+    source, own = path or find_responses(study), study_liquids(study)
     if source.suffix != ".sqlite":
-        return read_responses(source, scenes, percent=percent), source
-    return check_responses(_collected(source), source, scenes), source
+        return read_responses(source, scenes, percent=percent, own=own), source
+    return check_responses(_collected(source), source, scenes, own=own), source
 
 
 def find_responses(study: Path) -> Path:

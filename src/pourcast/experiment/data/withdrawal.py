@@ -10,7 +10,7 @@ from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.sessions import Session
 from pourcast.experiment.storage.storage import Storage
 from pourcast.files import finished_files
-from pourcast.tables import write_table
+from pourcast.tables import TABLE_SUFFIXES, read_table, write_table
 
 
 def withdraw(study: Path, storage: Storage, journal: Journal, who: str) -> list[str]:
@@ -60,12 +60,9 @@ def _names(session: Session) -> set[str]:
 
 
 def _remove_from_table(path: Path, codes: set[str]) -> int:
-    if path.suffix == ".csv":
-        table = pd.read_csv(path, dtype=str, keep_default_na=False)
-    elif path.suffix == ".parquet":
-        table = pd.read_parquet(path)
-    else:
+    if path.suffix not in TABLE_SUFFIXES:
         return 0
+    table = read_table(path, verbatim=True)
     gone = table.get("participant", pd.Series(dtype=str)).astype(str).isin(codes)
     if gone.any():
         write_table(path, table[~gone.to_numpy()])

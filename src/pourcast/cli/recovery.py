@@ -1,4 +1,4 @@
-"""Commands that say what a design could tell apart: recover, power."""
+"""Commands that say what a study could tell apart: recover, power."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -17,6 +17,7 @@ from pourcast.cli.observers import (
 )
 from pourcast.cli.options import (
     JsonOption,
+    LiquidOption,
     ModelOption,
     Resampled,
     ResampleOption,
@@ -24,7 +25,6 @@ from pourcast.cli.options import (
     StudyArgument,
 )
 from pourcast.cli.terminal import print_json, print_table, progress_bar, records
-from pourcast.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +55,7 @@ def recover(
     spread: Annotated[
         float, typer.Option(min=0, help="parameters: observers differ by so many grid steps (SD).")
     ] = 0.0,
-    honey: Annotated[bool, typer.Option("--honey", help="Honey trials instead of water.")] = False,
+    liquid: LiquidOption = "water",
     bias: BiasOption = None,
     slope: SlopeOption = None,
     precision: PrecisionOption = None,
@@ -71,42 +71,25 @@ def recover(
 
     Example: pourcast recover parameters my-study -m water-ife -p damping_zeta
     """
-    from pourcast.comparison import planning as design
-    from pourcast.models.registry import complete_presets
+    from pourcast.comparison.recovery import recover_models, recover_parameter
     from pourcast.report.figures.design import recovery
-    from pourcast.scenes.liquids.registry import resolve_liquid
-    from pourcast.study.experiments.base import observer_model
-    from pourcast.study.folder import study_experiment, study_scenes
-    from pourcast.sweep.judged import judge_in_study, read_judged
 
-    scenes = study_scenes(study)
-    liquid = "honey" if honey else "water"
-    population = population_of(
-        bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
-    )
     common: dict[str, Any] = {
-        "observers": observers, "studies": studies, "population": population, "seed": seed
+        "observers": observers, "studies": studies, "seed": seed,
+        "population": population_of(
+            bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
+        ),
     }  # fmt: skip
     with progress_bar() as bar:
         if what is Recovered.PARAMETERS:
-            experiment = study_experiment(study, scenes)
-            spec = (model or [observer_model(experiment, liquid)])[0]
-            trial_liquid = resolve_liquid(liquid, scenes[0]).name
-            values, judged = design.along(read_judged(study, scenes), trial_liquid, spec, parameter)
-            table = design.parameter_recovery_table(
-                values, judged, spread=spread, report=bar, **common
+            spec = model[0] if model else None
+            title, table = recover_parameter(
+                study, parameter, liquid, spec, spread=spread, report=bar, **common
             )
-            title = f"{spec}: {parameter}"
         else:
-            specs = list(dict.fromkeys(model or complete_presets()))
-            if len(specs) < 2:
-                raise InputError("model: expected at least two models to tell apart")
-            found = judge_in_study(study, scenes, [(liquid, spec) for spec in specs], "design")
-            models = {spec: found[liquid, spec] for spec in specs}
-            table = design.model_recovery_table(models, report=bar, **common)
-            title = f"{liquid} trials: {observers} participants, {len(scenes)} scenes"
+            title, table = recover_models(study, liquid, model or (), report=bar, **common)
     if out is not None:
-        _write_design(out, f"{what.value}_recovery", table.reset_index(), recovery(table, title))
+        _write(out, f"{what.value}_recovery", table.reset_index(), recovery(table, title))
     if as_json:
         print_json(records(table.reset_index()))
         return
@@ -118,7 +101,7 @@ def recover(
         typer.echo(f"{out}: table and figure")
 
 
-def _write_design(folder: Path, name: str, table: "pd.DataFrame", figure: Any) -> None:
+def _write(folder: Path, name: str, table: "pd.DataFrame", figure: Any) -> None:
     from pourcast.pictures.style import save_figure
     from pourcast.tables import write_table
 
@@ -140,7 +123,7 @@ def power(
     studies: StudiesOption = 100,
     resample: ResampleOption = Resampled.BOTH,
     level: Annotated[float, typer.Option(min=0.5, max=0.999, help="Of the intervals.")] = 0.95,
-    honey: Annotated[bool, typer.Option("--honey", help="Honey trials instead of water.")] = False,
+    liquid: LiquidOption = "water",
     bias: BiasOption = None,
     slope: SlopeOption = None,
     precision: PrecisionOption = None,
@@ -156,30 +139,20 @@ def power(
 
     Example: pourcast power my-study -m water-ife -m water-marble --observers 10 --observers 30
     """
-    from pourcast.comparison.planning import power_table
+    from pourcast.comparison.recovery import study_power
     from pourcast.report.figures import design as figures
-    from pourcast.study.folder import study_scenes
-    from pourcast.sweep.judged import judge_in_study
 
-    there = study_scenes(study)
-    specs = model or ["water-ife", "water-marble"]
-    if len(set(specs)) != 2 or len(specs) != 2:
-        raise InputError(f"model: expected two models to tell apart, found {len(specs)}")
-    liquid = "honey" if honey else "water"
-    population = population_of(
-        bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
-    )
     with progress_bar() as bar:
-        found = judge_in_study(study, there, [(liquid, spec) for spec in specs], "design")
-        table = power_table(
-            {spec: found[liquid, spec] for spec in specs},
-            observers=observers or (5, 10, 20, 40), scenes=scenes or [len(there)],
-            studies=studies, population=population, resampled=resample.value, level=level,
-            seed=seed, report=bar,
+        title, table = study_power(
+            study, liquid, model or (),
+            observers=observers or (), scenes=scenes or (), studies=studies,
+            population=population_of(
+                bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
+            ),
+            resampled=resample.value, level=level, seed=seed, report=bar,
         )  # fmt: skip
-    title = f"{specs[0]} in people's heads, told from {specs[1]}"
     if out is not None:
-        _write_design(out, "power", table, figures.power(table, title))
+        _write(out, "power", table, figures.power(table, title))
     if as_json:
         print_json(records(table))
         return
