@@ -86,6 +86,7 @@ def start_flow(
         slip=recipe.honey_slip if honey else 1.0,
         adhesion=recipe.honey_adhesion if honey else 0.0,
         settings=LatticeSettings(threads=threads),
+        name=f"scene {scene.id!r}, {liquid}",
     )
 
 
