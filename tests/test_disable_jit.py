@@ -37,9 +37,48 @@ print(json.dumps(found))
 """
 
 
-def positions(**environment):
+FAULTS = """
+import json
+import numpy as np
+from pourcast.engine import neighbours
+from pourcast.engine.batch import Stepping, run_batch
+from pourcast.errors import SimulationDivergedError
+from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow
+from tests.make import NO_SOLIDS, job
+rng = np.random.default_rng(0)
+found = []
+def tried(call):
+    try:
+        call()
+        found.append("no error")
+    except SimulationDivergedError as error:
+        found.append(str(error).split("; ")[0])
+for limit, kind in ((300, "liquid"), (3, "liquid"), (300, "marbles")):
+    neighbours.ALL_PAIRS_LIMIT = limit
+    for value in (np.nan, np.inf, 1e30, 1e3, 0.1):
+        velocity = np.zeros((5, 3), np.float32)
+        velocity[2, 1] = value
+        one = job(rng.uniform(0.04, 0.12, (5, 3)) + [0.3, 0.5, 0.0], velocity=velocity)
+        tried(lambda: run_batch([one], NO_SOLIDS, Stepping(2e-4, 3), kind=kind, threads=1))
+    one = job(rng.uniform(0.04, 0.12, (5, 3)) + [0.3, 0.5, 0.0], damping=5e5)
+    tried(lambda: run_batch([one], NO_SOLIDS, Stepping(2e-4, 30), kind=kind, threads=1))
+for fault in ("none", "speed", "mass"):
+    fill = np.zeros((5, 6, 3))
+    fill[:, :3] = 1.0
+    flow = LatticeFlow(fill, np.zeros((5, 6, 3), dtype=bool), cell=0.01, viscosity=1e-4, time_step=1e-4)
+    if fault == "speed":
+        flow._cells.velocity[1, flow.active[3]] = np.nan
+        flow._cells.populations[:, flow.active[3]] = np.nan
+    if fault == "mass":
+        flow._parts.owed[0] -= 1.0
+    tried(lambda: flow.advance(2e-3))
+print(json.dumps(found))
+"""
+
+
+def positions(code=CODE, **environment):
     run = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", CODE],
+        [sys.executable, "-W", "ignore", "-c", code],
         capture_output=True, text=True, check=False, env=os.environ | environment,
         cwd=os.path.dirname(os.path.dirname(__file__)),
     )  # fmt: skip
@@ -53,6 +92,19 @@ def test_plain_python_agrees_with_compiled_kernels():
     for one, other in zip(plain, compiled, strict=True):
         for a, b in zip(one, other, strict=True):
             assert flat(a) == pytest.approx(flat(b), abs=2e-6)
+
+
+def test_broken_simulations_raise_in_plain_python_as_in_compiled_kernels():
+    plain = positions(FAULTS, NUMBA_DISABLE_JIT="1")
+    compiled = positions(FAULTS, NUMBA_DISABLE_JIT="0")
+    assert plain == compiled
+    for back_end in (compiled[:6], compiled[6:12], compiled[12:18]):
+        assert back_end[4] == "no error"
+        assert "no error" not in back_end[:4] + back_end[5:]
+    sound, speed, mass = compiled[18:]
+    assert sound == "no error"
+    assert "no finite number" in speed
+    assert "its volume was" in mass
 
 
 def flat(values):

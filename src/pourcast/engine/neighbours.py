@@ -30,6 +30,7 @@ from pourcast.engine.simd import (
     sum_lanes,
 )
 from pourcast.engine.smoothing import one_minus_q_of, weight
+from pourcast.engine.solids import grid_index
 
 ALL_PAIRS_LIMIT = 300
 """Above this number of particles the neighbour list takes over. There, one simulation by
@@ -38,6 +39,10 @@ the list takes as long as 16 in lockstep take, divided by 16."""
 LAYERS = 4
 """Cells within one reach along z. Across it there is one: what lies in a row of cells along z is
 looked at in vectors of 16, and more rows would leave more of them half empty."""
+
+MOST_CELLS = 1024
+"""Along each axis; what lies beyond is in the last of them, so that a particle that is far off in
+a broken simulation takes no memory."""
 
 SKIN = 0.25
 """Extra reach of the list, in support radii."""
@@ -83,13 +88,15 @@ def sort_into_cells(position: Any, count: int, size: float) -> Any:
     sizes = np.array([size, size, size / LAYERS])
     for axis in range(3):
         low[axis] = position[axis, :count].min()
-        grid[axis] = int((position[axis, :count].max() - low[axis]) / sizes[axis]) + 1
+        extent = position[axis, :count].max() - low[axis]
+        grid[axis] = grid_index(extent / sizes[axis], MOST_CELLS) + 1
     cell = np.empty(count, np.int64)
     first = np.zeros(grid[0] * grid[1] * grid[2] + 1, np.int64)
     for i in range(count):
         index = 0
         for axis in range(3):
-            index = index * grid[axis] + int((position[axis, i] - low[axis]) / sizes[axis])
+            along = grid_index((position[axis, i] - low[axis]) / sizes[axis], grid[axis])
+            index = index * grid[axis] + along
         cell[i] = index
         first[index + 1] += 1
     first = np.cumsum(first)

@@ -207,10 +207,26 @@ def join_cells(shares: Sequence[Cells]) -> Cells:
 
 
 @kernel
+def grid_index(cells_along: float, count: int) -> int:
+    """Index of a cell along one of a grid's axes, within the grid; 0 for what is no number.
+
+    Parameters
+    ----------
+    cells_along
+        Distance from the grid's start, in cells.
+    count
+        Number of cells along the axis.
+    """
+    if not cells_along > 0.0:
+        return 0
+    return count - 1 if cells_along >= count else int(cells_along)
+
+
+@kernel
 def cell_of(x: float, y: float, scene: int, cells: Any) -> int:
     """Index of the cell that holds a point; points outside belong to the nearest cell."""
-    column = min(max(int(x * cells.inverse_size[scene, 0]), 0), CELLS_X - 1)
-    row = min(max(int(y * cells.inverse_size[scene, 1]), 0), CELLS_Y - 1)
+    column = grid_index(x * cells.inverse_size[scene, 0], CELLS_X)
+    row = grid_index(y * cells.inverse_size[scene, 1], CELLS_Y)
     return (scene * CELLS_Y + row) * CELLS_X + column
 
 

@@ -91,6 +91,7 @@ def start_flow(
         slip=liquid.slip,
         adhesion=liquid.wall_pull,
         settings=LatticeSettings(threads=threads),
+        name=f"scene {scene.id!r}, {liquid}",
     )
 
 
