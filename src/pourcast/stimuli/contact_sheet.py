@@ -1,5 +1,6 @@
 """All stimuli of a set at a glance, for the researcher's eyes: how each begins and ends."""
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,8 @@ _ROWS_BESIDE = 3
 _WIDTH = 150
 _GAP = 8
 _LINE = 20
+_LETTERS = 22
+"""As many letters are as wide as a picture."""
 _PAPER, _INK = (255, 255, 255), (40, 40, 40)
 
 
@@ -38,7 +41,8 @@ def write_contact_sheet(stimuli: StimulusSet, scenes: Sequence[Scene]) -> Path:
     rows = [one for scene in scenes if (one := _row(stimuli, scene)) is not None]
     columns = max((len(row) for _, row in rows), default=0)
     height = max((image.height for _, row in rows for image, _ in row), default=0)
-    cell = (columns * (_WIDTH + _GAP) + 2 * _GAP, height + 2 * _LINE + _GAP)
+    lines = max((words.count("\n") + 1 for _, row in rows for _, words in row), default=1)
+    cell = (columns * (_WIDTH + _GAP) + 2 * _GAP, height + (1 + lines) * _LINE + _GAP)
     beside = min(_ROWS_BESIDE, max(1, len(rows)))
     down = -(-len(rows) // beside)
     sheet = Image.new("RGB", (beside * cell[0] + _GAP, down * cell[1] + _GAP), _PAPER)
@@ -69,7 +73,7 @@ def _row(stimuli: StimulusSet, scene: Scene) -> tuple[str, list[tuple[Image.Imag
         for stimulus, caption in stimuli_of_scene
         if stimulus.film is not None
     ]
-    return scene.id, [(start, f"{caption} starts"), *ends]
+    return scene.id, [(start, _wrapped(f"{caption} starts")), *ends]
 
 
 def _of_scene(stimuli: StimulusSet, scene: Scene) -> list[tuple[Stimulus, str]]:
@@ -85,9 +89,14 @@ def _of_scene(stimuli: StimulusSet, scene: Scene) -> list[tuple[Stimulus, str]]:
 
 def _with_outcome(caption: str, stimulus: Stimulus) -> str:
     if stimulus.outcome is None:
-        return caption
+        return _wrapped(caption)
     stuck = f", {stimulus.stranded:.0%} stuck" if (stimulus.stranded or 0.0) >= 0.01 else ""
-    return f"{caption} {stimulus.outcome:.2f}{stuck}"
+    return f"{_wrapped(caption)}\n{stimulus.outcome:.2f}{stuck}"
+
+
+def _wrapped(caption: str) -> str:
+    """A caption in lines that are no wider than a picture."""
+    return textwrap.fill(caption, _LETTERS)
 
 
 def _small(image: Image.Image) -> Image.Image:
