@@ -65,7 +65,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Compared:
+class PeopleAndModels:
     """People and models on the same scenes, with one liquid.
 
     Parameters
@@ -104,7 +104,9 @@ def short_liquid(liquid: str) -> str:
 _STREAMS: dict[Resampled, int] = {"participants": 0, "scenes": 1, "both": 2}
 
 
-def _drawn(compared: Compared, settings: Settings, resampled: Resampled) -> tuple[Array, Array]:
+def _drawn(
+    compared: PeopleAndModels, settings: Settings, resampled: Resampled
+) -> tuple[Array, Array]:
     """Resamples of the people's means; the same for every table, so that all are paired."""
     found = resample(
         compared.trials.responses, resampled, settings.rng(1, _STREAMS[resampled]),
@@ -113,7 +115,7 @@ def _drawn(compared: Compared, settings: Settings, resampled: Resampled) -> tupl
     return found.means, found.weights
 
 
-def agreement_table(compared: Compared, settings: Settings) -> pd.DataFrame:
+def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
     """Agreement of each model with people's mean judgments.
 
     Returns
@@ -155,7 +157,7 @@ def _nan_interval(values: Array, level: float) -> tuple[Array, Array]:
     return np.where(enough, low, np.nan), np.where(enough, high, np.nan)
 
 
-def intervals_table(compared: Compared, settings: Settings) -> pd.DataFrame:
+def intervals_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
     """Each model's r with its interval over participants, over scenes, and over both.
 
     Returns
@@ -178,7 +180,7 @@ def intervals_table(compared: Compared, settings: Settings) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def differences_table(compared: Compared, settings: Settings) -> pd.DataFrame:
+def differences_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
     """Differences in r between all pairs of models, on the same resamples.
 
     Returns
@@ -296,7 +298,7 @@ class Individuals:
         return pd.DataFrame(rows)
 
 
-def individuals(compared: Sequence[Compared], settings: Settings) -> Individuals:
+def individuals(compared: Sequence[PeopleAndModels], settings: Settings) -> Individuals:
     """Each participant's correlation with the ground truth of the liquid, against chance.
 
     Liquids whose truth isn't among the models, or whose answers are all the same, are left out.
@@ -329,7 +331,7 @@ def individuals(compared: Sequence[Compared], settings: Settings) -> Individuals
     return Individuals(table, against, settings.level)
 
 
-def people_table(compared: Sequence[Compared]) -> pd.DataFrame:
+def people_table(compared: Sequence[PeopleAndModels]) -> pd.DataFrame:
     """A row a scene and liquid: people's `mean`, `sd`, `answers`, and every model's judgment."""
     tables = []
     for one in compared:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from pourcast.comparison import agreement, choice, stimulus, window
-from pourcast.comparison.agreement import Compared, Individuals, Settings, short_liquid
+from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings, short_liquid
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
@@ -18,14 +18,14 @@ from pourcast.scenes.scene import Scene
 from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
 from pourcast.study.folder import study_scenes
 from pourcast.study.responses import Exclusion, arrange, exclude, remarks
-from pourcast.sweep.judged import Judged, judge_in_study, read_judged, sweep_words
+from pourcast.sweep.judgments import Judgments, judge_in_study, study_judgments, sweep_words
 
 LARGEST_R_HAT = 1.05
 """Chains of a posterior that differ by more are told of."""
 
 
 @dataclass(frozen=True)
-class Request:
+class ComparisonOptions:
     """What is to be compared.
 
     Parameters
@@ -88,8 +88,8 @@ class Comparison:
     source: tuple[Path, str]
     simulated: bool
     settings: Settings
-    compared: tuple[Compared, ...]
-    judged: Judged
+    compared: tuple[PeopleAndModels, ...]
+    judged: Judgments
     exclusions: tuple[Exclusion, ...]
     remarks: tuple[str, ...]
     individuals: Individuals
@@ -122,7 +122,9 @@ TABLES = {
 """Tables of a comparison, and what they say; those that the data can't fill are left out."""
 
 
-def compare_study(study: Path, request: Request, report: Report = no_report) -> Comparison:
+def compare_study(
+    study: Path, options: ComparisonOptions, report: Report = no_report
+) -> Comparison:
     """Compare a study's models with people.
 
     Judgments that are not there yet are simulated, through the study's store.
@@ -131,7 +133,7 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
     ----------
     study
         The study folder.
-    request
+    options
         What is to be compared.
     report
         Told of the progress.
@@ -144,11 +146,11 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
         If judgments could not be made.
     """
     scenes = study_scenes(study)
-    if request.bayes:
+    if options.bayes:
         require_extra("bayes")
-    table, path = study_responses(study, request.responses, scenes, percent=request.percent)
-    settings = request.settings
-    table, exclusions = exclude(table, request.exclude)
+    table, path = study_responses(study, options.responses, scenes, percent=options.percent)
+    settings = options.settings
+    table, exclusions = exclude(table, options.exclude)
     trials = arrange(table, scenes, str(path))
     for one in trials:
         if len(one.scenes) < agreement.FEWEST_SCENES:
@@ -156,9 +158,9 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
                 f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
                 f"least {agreement.FEWEST_SCENES}"
             )
-    asked = list(request.models or complete_presets())
+    asked = list(options.models or complete_presets())
     specs = [spec for spec in asked if spec != stimulus.NAME]
-    carried = [] if request.carried is None else list(request.carried["spec"])
+    carried = [] if options.carried is None else list(options.carried["spec"])
     wanted = [
         (short_liquid(one.liquid), spec)
         for one in trials
@@ -169,20 +171,20 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
         if len(specs) < len(asked):
             found[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
         elif (
-            not request.models
+            not options.models
             and (truth := stimulus.stimulus_truth(study, scenes, liquid)) is not None
         ):
             found[liquid, stimulus.NAME] = truth
-    place = {scene.id: k for k, scene in enumerate(scenes)}
+    index = {scene.id: k for k, scene in enumerate(scenes)}
     labels = labels_of([*specs, *carried, stimulus.NAME])
 
-    def compared(names: Sequence[str]) -> tuple[Compared, ...]:
+    def compared(names: Sequence[str]) -> tuple[PeopleAndModels, ...]:
         return tuple(
-            Compared(
+            PeopleAndModels(
                 one,
                 {
                     labels[spec]: found[short_liquid(one.liquid), spec][
-                        [place[s.id] for s in one.scenes]
+                        [index[s.id] for s in one.scenes]
                     ]
                     for spec in names
                     if (short_liquid(one.liquid), spec) in found
@@ -191,14 +193,14 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
             for one in trials
         )
 
-    judged = read_judged(study, scenes)
+    judged = study_judgments(study, scenes)
     people = compared([*specs, stimulus.NAME])
     individuals = agreement.individuals(people, settings)
     tables = _tables(people, judged, settings, individuals, report)
-    if request.bayes:
+    if options.bayes:
         tables |= _bayes(people, settings, report)
-    if request.carried is not None:
-        tables["carried"] = choice.carried_table(compared(carried), request.carried, settings)
+    if options.carried is not None:
+        tables["carried"] = choice.carried_table(compared(carried), options.carried, settings)
     return Comparison(
         study=study,
         scenes=tuple(scenes),
@@ -215,8 +217,8 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
 
 
 def _tables(
-    people: Sequence[Compared],
-    judged: Judged,
+    people: Sequence[PeopleAndModels],
+    judged: Judgments,
     settings: Settings,
     individuals: Individuals,
     report: Report,
@@ -246,7 +248,7 @@ def _tables(
 
 
 def _bayes(
-    people: Sequence[Compared], settings: Settings, report: Report
+    people: Sequence[PeopleAndModels], settings: Settings, report: Report
 ) -> dict[str, pd.DataFrame]:
     """Models compared by the likelihood of single answers, for each liquid."""
     # JAX is loaded only for this.
@@ -266,14 +268,14 @@ def _bayes(
     }
 
 
-def _labelled(table: pd.DataFrame, one: Compared) -> pd.DataFrame:
+def _labelled(table: pd.DataFrame, one: PeopleAndModels) -> pd.DataFrame:
     table.insert(0, "liquid", one.trials.liquid)
     return table
 
 
 def _stacked(
-    make: Callable[[Compared, Settings], pd.DataFrame],
-    people: Sequence[Compared],
+    make: Callable[[PeopleAndModels, Settings], pd.DataFrame],
+    people: Sequence[PeopleAndModels],
     settings: Settings,
 ) -> pd.DataFrame:
     return pd.concat([make(one, settings) for one in people], ignore_index=True)

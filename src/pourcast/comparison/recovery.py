@@ -17,12 +17,18 @@ from pourcast.statistics.bootstrap import Resampled
 from pourcast.statistics.observer import Population
 from pourcast.statistics.recovery import confusion, power_of, recover_parameters
 from pourcast.study.folder import study_scenes
-from pourcast.sweep.judged import OWN_ALPHA, Judged, columns_of, judge_in_study, read_judged
+from pourcast.sweep.judgments import (
+    OWN_ALPHA,
+    Judgments,
+    columns_of,
+    judge_in_study,
+    study_judgments,
+)
 
 Array = NDArray[np.float64]
 
 
-def along(judged: Judged, liquid: str, spec: str, axis: str) -> tuple[list[Any], Array]:
+def along(judged: Judgments, liquid: str, spec: str, axis: str) -> tuple[list[Any], Array]:
     """Judgments along one parameter, the others as in a spec.
 
     Parameters
@@ -228,7 +234,7 @@ def recover_parameter(
     """
     scenes, spec = study_scenes(study), spec or HEADS[liquid]
     shown = resolve_liquid(liquid, scenes[0]).name
-    values, judgments = along(read_judged(study, scenes), shown, spec, parameter)
+    values, judgments = along(study_judgments(study, scenes), shown, spec, parameter)
     table = parameter_recovery_table(
         values, judgments, observers=observers, studies=studies, population=population,
         spread=spread, seed=seed, report=report,

@@ -9,13 +9,15 @@ from pourcast.comparison.agreement import Settings
 from pourcast.models.base import zeta_window
 from pourcast.models.registry import family_of, make_model
 from pourcast.statistics.variance import WindowVariance, unpaired_t, window_variance
-from pourcast.sweep.judged import Judged, columns_of
+from pourcast.sweep.judgments import Judgments, columns_of
 
 CONDITIONS = ("water-ife", "honey-ife-1", "honey-ife-2")
 """Models whose windows are looked at: the paper's three IFEs."""
 
 
-def window_variances(judged: Judged, liquid: str, settings: Settings) -> dict[str, WindowVariance]:
+def window_variances(
+    judged: Judgments, liquid: str, settings: Settings
+) -> dict[str, WindowVariance]:
     """Variance over the window of each of `CONDITIONS`, from its deterministic judgments.
 
     Parameters

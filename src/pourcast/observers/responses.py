@@ -11,7 +11,7 @@ from pourcast.experiment.data.responses import RESPONSES
 from pourcast.observers.observers import Head, Observers, simulate_observers
 from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
-from pourcast.sweep.judged import judge_in_study, sweep_words
+from pourcast.sweep.judgments import judge_in_study, sweep_words
 from pourcast.tables import write_table
 
 OBSERVERS = {"exp1": 65, "exp2": 21}

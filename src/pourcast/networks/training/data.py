@@ -21,7 +21,7 @@ from pourcast.study.selection import (
     drawn_scene,
     filtered_scenes,
 )
-from pourcast.sweep.judged import judge_in_study, sweep_words
+from pourcast.sweep.judgments import judge_in_study, sweep_words
 
 PIECE = 250
 """Scenes in a file; what is drawn is kept in pieces, so that little is lost."""
