@@ -108,11 +108,11 @@ def _drawn(
     compared: PeopleAndModels, settings: Settings, resampled: Resampled
 ) -> tuple[Array, Array]:
     """Resamples of the people's means; the same for every table, so that all are paired."""
-    found = resample(
+    drawn = resample(
         compared.trials.responses, resampled, settings.rng(1, _STREAMS[resampled]),
         settings.resamples,
     )  # fmt: skip
-    return found.means, found.weights
+    return drawn.means, drawn.weights
 
 
 def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
@@ -128,12 +128,12 @@ def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFra
     """
     judgments, names = compared.judgments, compared.names
     people = mean_judgments(compared.trials.responses)
-    found = agreement(people, judgments)
+    observed = agreement(people, judgments)
     means, weights = _drawn(compared, settings, settings.resampled)
     drawn = agreement(means, judgments, weights)
     table = pd.DataFrame({"liquid": compared.trials.liquid, "model": names})
     for measure in MEASURES:
-        table[measure] = getattr(found, measure)
+        table[measure] = getattr(observed, measure)
         low, high = interval(getattr(drawn, measure), settings.level)
         table[f"{measure}_low"], table[f"{measure}_high"] = low, high
     table["resampled"] = settings.resampled
@@ -281,18 +281,18 @@ class Individuals:
     def summary(self) -> pd.DataFrame:
         """A row a liquid: the fitted beta, the Kolmogorov-Smirnov test, how many beat chance."""
         rows = []
-        for liquid, found in self.against.items():
-            usable = np.isfinite(found.observed)
+        for liquid, result in self.against.items():
+            usable = np.isfinite(result.observed)
             rows.append(
                 {
                     "liquid": liquid,
-                    "beta_a": found.beta[0],
-                    "beta_b": found.beta[1],
-                    "mean_r": float(found.observed[usable].mean()) if usable.any() else np.nan,
-                    "beat_chance": int((found.p[usable] < 1.0 - self.level).sum()),
+                    "beta_a": result.beta[0],
+                    "beta_b": result.beta[1],
+                    "mean_r": float(result.observed[usable].mean()) if usable.any() else np.nan,
+                    "beat_chance": int((result.p[usable] < 1.0 - self.level).sum()),
                     "participants": int(usable.sum()),
-                    "ks_D": found.ks_statistic,
-                    "ks_p": found.ks_p,
+                    "ks_D": result.ks_statistic,
+                    "ks_p": result.ks_p,
                 }
             )
         return pd.DataFrame(rows)
@@ -310,10 +310,10 @@ def individuals(compared: Sequence[PeopleAndModels], settings: Settings) -> Indi
             continue
         responses = one.trials.responses
         try:
-            found = against_null(responses, truth, settings.rng(5, number))
+            result = against_null(responses, truth, settings.rng(5, number))
         except ValueError:
             continue
-        against[one.trials.liquid] = found
+        against[one.trials.liquid] = result
         tables.append(
             pd.DataFrame(
                 {
@@ -322,8 +322,8 @@ def individuals(compared: Sequence[PeopleAndModels], settings: Settings) -> Indi
                     "trials": np.isfinite(responses).sum(axis=1),
                     "mean": np.nanmean(responses, axis=1),
                     "sd": np.nanstd(responses, axis=1),
-                    "r": found.observed,
-                    "p": found.p,
+                    "r": result.observed,
+                    "p": result.p,
                 }
             )
         )

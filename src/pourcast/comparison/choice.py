@@ -115,7 +115,7 @@ def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candida
         People's responses.
     """
     by_liquid = {short_liquid(one.liquid): one for one in trials}
-    found = {}
+    sets = {}
     for name, (liquid, fixed, axes, _) in FITTED.items():
         if liquid not in by_liquid:
             continue
@@ -124,8 +124,8 @@ def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candida
         rows = there.on_trials(one.liquid, **fixed)
         if len(rows):
             columns = {axis: there.rows[axis].to_numpy()[rows] for axis in axes}
-            found[name] = Candidates(one, columns, there.judgments[rows])
-    return found
+            sets[name] = Candidates(one, columns, there.judgments[rows])
+    return sets
 
 
 def choose(sets: Mapping[str, Candidates], scores: Mapping[str, Array]) -> dict[str, int]:
@@ -291,21 +291,21 @@ def _in_words(values: Mapping[str, Any]) -> str:
 
 def _flat_ranges(name: str, one: Candidates, drawn: Array, number: int, settings: Settings) -> str:
     """Values of each fitted parameter, the others as chosen, that do as well as the best."""
-    found = []
+    ranges = []
     values = one.values(number)
     for axis in FITTED[name].free:
         others = {key: value for key, value in values.items() if key != axis}
         along = np.flatnonzero(one.at(**others))
         if len(along) < 2:
-            found.append(f"{axis}: no other value was swept")
+            ranges.append(f"{axis}: no other value was swept")
             continue
         best = int(np.flatnonzero(along == number)[0])
         as_good = along[flat(drawn[:, along], best, settings.level)]
         levels = sorted({str(one.axes[axis][k]) for k in as_good}, key=_number)
-        found.append(
+        ranges.append(
             f"{axis}: {', '.join(f'{_number(v):g}' if v != OWN_ALPHA else v for v in levels)}"
         )
-    return "; ".join(found)
+    return "; ".join(ranges)
 
 
 def _number(text: str) -> float:

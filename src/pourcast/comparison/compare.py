@@ -166,15 +166,17 @@ def compare_study(
         for one in trials
         for spec in dict.fromkeys([*specs, *carried])
     ]
-    found = judge_in_study(study, scenes, wanted, "compare", report=sweep_words(report, "judging"))
+    judgments = judge_in_study(
+        study, scenes, wanted, "compare", report=sweep_words(report, "judging")
+    )
     for liquid in {short_liquid(one.liquid) for one in trials}:
         if len(specs) < len(asked):
-            found[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
+            judgments[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
         elif (
             not options.models
             and (truth := stimulus.stimulus_truth(study, scenes, liquid)) is not None
         ):
-            found[liquid, stimulus.NAME] = truth
+            judgments[liquid, stimulus.NAME] = truth
     index = {scene.id: k for k, scene in enumerate(scenes)}
     labels = labels_of([*specs, *carried, stimulus.NAME])
 
@@ -183,11 +185,11 @@ def compare_study(
             PeopleAndModels(
                 one,
                 {
-                    labels[spec]: found[short_liquid(one.liquid), spec][
+                    labels[spec]: judgments[short_liquid(one.liquid), spec][
                         [index[s.id] for s in one.scenes]
                     ]
                     for spec in names
-                    if (short_liquid(one.liquid), spec) in found
+                    if (short_liquid(one.liquid), spec) in judgments
                 },
             )
             for one in trials
@@ -256,12 +258,12 @@ def _bayes(
 
     loos, posteriors = [], []
     for one in people:
-        found = compare_models(
+        fit = compare_models(
             one.trials.responses, one.models, Sampling(seed=settings.seed), report,
             level=settings.level,
         )  # fmt: skip
-        loos.append(_labelled(found.loo, one))
-        posteriors.append(_labelled(found.parameters, one))
+        loos.append(_labelled(fit.loo, one))
+        posteriors.append(_labelled(fit.parameters, one))
     return {
         "loo": pd.concat(loos, ignore_index=True),
         "posterior": pd.concat(posteriors, ignore_index=True),
@@ -289,16 +291,16 @@ def _models_remarks(specs: Sequence[str], labels: dict[str, str]) -> list[str]:
 
 def _doubts(tables: dict[str, pd.DataFrame]) -> list[str]:
     """What could not be computed or be relied on, and why."""
-    found = []
+    doubts = []
     if tables["choice"].empty:
-        found.append(
+        doubts.append(
             "no parameters were chosen: no grid was swept (`pourcast sweep STUDY --grid quick`)"
         )
     elif tables["cross_validation"].empty:
-        found.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
+        doubts.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
     if "posterior" in tables:
         bad = tables["posterior"].query("r_hat > @LARGEST_R_HAT")
-        found += [
+        doubts += [
             f"{liquid}: the chains of {model} disagree (R-hat above {LARGEST_R_HAT}): trust its "
             "likelihood less"
             for liquid, model in dict.fromkeys(zip(bad["liquid"], bad["model"], strict=True))
@@ -306,9 +308,9 @@ def _doubts(tables: dict[str, pd.DataFrame]) -> list[str]:
     small = tables["reliability"]
     if "split_half" in small:
         small = small[small["split_half"].isna()]
-    found += [
+    doubts += [
         f"{row.liquid}: no split-half reliability: {row.participants} participants, "
         f"at least {FEWEST_PARTICIPANTS} are needed"
         for row in small.itertuples()
     ]
-    return found
+    return doubts

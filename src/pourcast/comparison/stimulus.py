@@ -31,22 +31,22 @@ def stimulus_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray
     ndarray
         Shape [scene_count], of the first set that has all of them; None if there is none.
     """
-    for found in sets_of(study):
-        if found.manifest.recipe.flow.solver != "lbm":
+    for films in sets_of(study):
+        if films.manifest.recipe.flow.solver != "lbm":
             continue
-        outcomes = [_outcome(found, scene, liquid) for scene in scenes]
+        outcomes = [_outcome(films, scene, liquid) for scene in scenes]
         known = [outcome for outcome in outcomes if outcome is not None]
         if len(known) == len(scenes):
             return np.array(known)
     return None
 
 
-def _outcome(found: StimulusSet, scene: Scene, liquid: str) -> float | None:
+def _outcome(films: StimulusSet, scene: Scene, liquid: str) -> float | None:
     """Outcome of a scene, or what its mirror image says of it."""
-    plain = found.find(scene, liquid)
+    plain = films.find(scene, liquid)
     if plain is not None and plain.outcome is not None:
         return plain.outcome
-    mirrored = found.find(scene.mirrored(), liquid)
+    mirrored = films.find(scene.mirrored(), liquid)
     if mirrored is None or mirrored.outcome is None:
         return None
     return float(scene.goal.mirrored_judgment(mirrored.outcome))
@@ -60,10 +60,10 @@ def required_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray
     InputError
         If it is not there.
     """
-    found = stimulus_truth(study, scenes, liquid)
-    if found is None:
+    truth = stimulus_truth(study, scenes, liquid)
+    if truth is None:
         raise InputError(
             f"{study}: {NAME}: not all scenes were filmed with {liquid}; "
             "`pourcast stimuli STUDY` does it"
         )
-    return found
+    return truth

@@ -29,7 +29,7 @@ def window_variances(
     settings
         How intervals are made.
     """
-    found = {}
+    variances = {}
     for number, name in enumerate(CONDITIONS):
         parameters = make_model(name).parameters()
         window = zeta_window(parameters["damping_zeta"], parameters["zeta_sigma"])
@@ -38,8 +38,8 @@ def window_variances(
         if all(len(row) for row in rows):
             judgments = judged.judgments[[int(row[0]) for row in rows]]
             rng = settings.rng(6, number)
-            found[name] = window_variance(judgments, rng, settings.level, settings.resamples)
-    return found
+            variances[name] = window_variance(judgments, rng, settings.level, settings.resamples)
+    return variances
 
 
 def variance_table(variances: Mapping[str, WindowVariance]) -> pd.DataFrame:

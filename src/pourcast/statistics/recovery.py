@@ -161,5 +161,5 @@ def power_of(
         low, high = interval(known, level)
         right += bool(low > 0.0)
         wrong += bool(high < 0.0)
-    found = binomtest(right, studies).proportion_ci(level, method="wilson")
-    return Power(right / studies, float(found.low), float(found.high), wrong / studies)
+    limits = binomtest(right, studies).proportion_ci(level, method="wilson")
+    return Power(right / studies, float(limits.low), float(limits.high), wrong / studies)

@@ -255,14 +255,14 @@ def judge_in_study(
         raise StoreError(f"{study}: {result.failures[0].message}")
     judged = judgments_of([result.table], scenes)
     kinds = {scene.goal.kind: scene for scene in scenes}.values()
-    found: dict[LiquidAndModel, Array] = {}
+    answers: dict[LiquidAndModel, Array] = {}
     for liquid, spec in requests:
         answer = np.full(len(scenes), np.nan)
         for name_there in {resolve_liquid(liquid, scene).name for scene in kinds}:
             row = judged.row(name_there, spec)
             answer = answer if row is None else np.where(np.isnan(row), answer, row)
-        found[liquid, spec] = answer
-    return found
+        answers[liquid, spec] = answer
+    return answers
 
 
 def sweep_in_study(

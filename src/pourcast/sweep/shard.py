@@ -187,15 +187,15 @@ def _judgments(
     for row in rows:
         if row.pour is None:
             asked.setdefault(row.setting, []).append(row.scene)
-    found = {}
+    values_of = {}
     for index, members in asked.items():
         setting = task.settings[index]
         assert isinstance(setting, JudgeSetting)
         scenes = [task.scenes[k] for k in members]
         values = setting.model.judge(scenes, setting.liquid, setting.seed)
-        found.update({(index, k): float(v) for k, v in zip(members, values, strict=True)})
+        values_of.update({(index, k): float(v) for k, v in zip(members, values, strict=True)})
         on_done(len(members))
-    return found
+    return values_of
 
 
 def _table(

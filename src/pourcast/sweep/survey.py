@@ -137,10 +137,10 @@ class PlannedRows:
 
 def indices_of(column: pa.ChunkedArray, known: dict[str, int]) -> NDArray[np.int64]:
     """Numbers of a dictionary column's values; -1 for what is not known."""
-    found: list[NDArray[np.int64]] = [
+    parts: list[NDArray[np.int64]] = [
         np.array([known.get(name, -1) for name in chunk.dictionary.to_pylist()], np.int64)[
             chunk.indices.to_numpy()
         ]
         for chunk in column.chunks
     ]
-    return np.concatenate([np.empty(0, np.int64), *found])
+    return np.concatenate([np.empty(0, np.int64), *parts])

@@ -50,7 +50,7 @@ def setting_judgments(plan: Plan, store: Store, files: Iterable[Path]) -> NDArra
         table = store.read(path)
         if table is not None:
             first, judgments = _over_draws(table)
-            settings, scenes, wanted = (found[first] for found in rows.find(table))
+            settings, scenes, wanted = (column[first] for column in rows.find(table))
             values[settings[wanted], scenes[wanted]] = judgments[wanted]
     return values
 
