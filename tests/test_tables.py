@@ -9,7 +9,7 @@ import pytest
 from pourcast.comparison.choice import read_choice
 from pourcast.errors import InputError
 from pourcast.prediction import predict
-from pourcast.sweep.judged import read_judged, read_judgments
+from pourcast.sweep.judgments import read_judgments, study_judgments
 from pourcast.tables import read_table, write_table
 from tests.make import ramp_scene, random_scenes
 
@@ -69,7 +69,7 @@ def judgments(tmp_path, **changed):
 def test_a_bad_judgment_is_named_by_row_and_column(tmp_path, column, value, said):
     path = judgments(tmp_path, **{column: value})
     with pytest.raises(InputError, match=said) as error:
-        read_judged(tmp_path, random_scenes(3, seed=2))
+        study_judgments(tmp_path, random_scenes(3, seed=2))
     assert str(error.value).startswith(f"{path}: ")
     assert "\n" not in str(error.value)
 
@@ -78,7 +78,7 @@ def test_a_column_that_is_missing_is_named(tmp_path):
     path = judgments(tmp_path)
     write_table(path, read_table(path).drop(columns="seed"))
     with pytest.raises(InputError, match="column 'seed' is missing; expected digest, liquid"):
-        read_judged(tmp_path, random_scenes(3, seed=2))
+        study_judgments(tmp_path, random_scenes(3, seed=2))
 
 
 @pytest.mark.parametrize("digest", ["123456789012", "12345e678901"])
@@ -86,7 +86,7 @@ def test_a_scene_whose_name_looks_like_a_number_keeps_its_judgments(tmp_path, di
     monkeypatch.setattr(type(ramp_scene()), "digest", digest)
     scene = ramp_scene()
     write_table(tmp_path / "judgments" / "t.csv", predict([scene], ["gravity"]))
-    found = read_judged(tmp_path, [scene])
+    found = study_judgments(tmp_path, [scene])
     assert found.find("water", "gravity") is not None
     assert json.loads(found.rows["parameters"].iloc[0])["g"] == 0.0
 

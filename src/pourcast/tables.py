@@ -118,13 +118,13 @@ def refuse_rows(
     InputError
         One line that names row and column, what was expected and found.
     """
-    places = np.flatnonzero(wrong.to_numpy())
-    if len(places) == 0:
+    bad = np.flatnonzero(wrong.to_numpy())
+    if len(bad) == 0:
         return
-    value = table[column].iloc[places[0]]
+    value = table[column].iloc[bad[0]]
     found = f"{value:g}" if isinstance(value, float) else repr(value)
-    more = f" (and {len(places) - 1} more rows)" if len(places) > 1 else ""
-    row = places[0] + FIRST_ROW if rows is None else rows[places[0]]
+    more = f" (and {len(bad) - 1} more rows)" if len(bad) > 1 else ""
+    row = bad[0] + FIRST_ROW if rows is None else rows[bad[0]]
     raise InputError(f"{path}: row {row}, column {column}: {expected}, found {found}{more}")
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 from pourcast.models.registry import make_model
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.study.responses import Trials
-from pourcast.sweep.judged import judged_from
+from pourcast.sweep.judgments import judgments_of
 
 COUNTS = (15, 25, 50, 75)
 ZETAS = tuple(range(17))
@@ -97,4 +97,4 @@ def people_like(scenes, judgments, people=20, noise=0.1, seed=0, liquid="water")
 def made_up(count=30, seed=0):
     """Scenes, and all judgments of the made-up sweep."""
     scenes = voronoi_scenes(count)
-    return scenes, judged_from([made_up_table(scenes, seed)], scenes)
+    return scenes, judgments_of([made_up_table(scenes, seed)], scenes)

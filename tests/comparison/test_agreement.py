@@ -3,7 +3,7 @@ import pytest
 
 from pourcast.comparison import choice, recovery
 from pourcast.comparison.agreement import (
-    Compared,
+    PeopleAndModels,
     Settings,
     agreement_table,
     differences_table,
@@ -28,7 +28,7 @@ def compared(people=20, scenes=40, seed=0, noise=0.15):
         "wrong": rng.random(scenes),
         "truth-water": np.clip(right + 0.3 * rng.standard_normal(scenes), 0, 1),
     }
-    return Compared(people_like(shown, right, people, noise, seed), models)
+    return PeopleAndModels(people_like(shown, right, people, noise, seed), models)
 
 
 def test_agreement_is_numpy_s_and_every_interval_says_what_was_resampled():
@@ -48,7 +48,7 @@ def test_agreement_is_numpy_s_and_every_interval_says_what_was_resampled():
 
 def test_bias_and_slope_tell_what_r_does_not():
     one = compared(noise=0.01)
-    shy = Compared(
+    shy = PeopleAndModels(
         one.trials,
         {"bold": np.clip(2 * one.models["right"] - 0.5, -1, 2), "high": one.models["right"] + 0.2},
     )
@@ -73,7 +73,7 @@ def test_who_beats_whom():
     assert table.loc[("right", "wrong"), "p_holm"] < 0.05
     assert table.loc[("right", "wrong"), "low"] > 0
     assert (table["p_holm"] >= table["p"] - 1e-12).all()
-    twins = Compared(one.trials, {"a": one.models["right"], "b": one.models["right"]})
+    twins = PeopleAndModels(one.trials, {"a": one.models["right"], "b": one.models["right"]})
     same = differences_table(twins, SETTINGS).iloc[0]
     assert same["difference"] == same["low"] == same["high"] == 0
     assert same["p"] == 1
@@ -95,7 +95,7 @@ def test_paired_intervals_are_narrower_than_the_models_own():
 
 def test_a_model_without_spread_has_no_r_and_stops_nothing():
     one = compared()
-    flat = Compared(one.trials, dict(one.models) | {"flat": np.full(40, 0.5)})
+    flat = PeopleAndModels(one.trials, dict(one.models) | {"flat": np.full(40, 0.5)})
     table = agreement_table(flat, SETTINGS).set_index("model")
     assert np.isnan(table.loc["flat", "r"])
     assert np.isfinite(table.loc["flat", "rmse"])
@@ -118,13 +118,13 @@ def test_individuals():
     lazy = one.trials.responses.copy()
     lazy[3] = 0.5
     trials = type(one.trials)(one.trials.liquid, one.trials.participants, one.trials.scenes, lazy)
-    found = individuals([Compared(trials, one.models)], SETTINGS)
+    found = individuals([PeopleAndModels(trials, one.models)], SETTINGS)
     assert np.isnan(found.table["r"].iloc[3])
     summary = found.summary().iloc[0]
     assert summary["participants"] == 19
     assert summary["beat_chance"] >= 17
     assert summary["ks_p"] < 1e-6
-    nothing = individuals([Compared(trials, {"right": one.models["right"]})], SETTINGS)
+    nothing = individuals([PeopleAndModels(trials, {"right": one.models["right"]})], SETTINGS)
     assert nothing.table.empty
     assert nothing.summary().empty
 
@@ -140,7 +140,7 @@ def interval_widths(level):
     """Name -> widths of every interval that a comparison makes, from the same resamples."""
     settings = Settings(resamples=2000, level=level)
     scenes, judged = made_up(20)
-    people = Compared(
+    people = PeopleAndModels(
         people_like(scenes, judged.judgments[0], noise=0.2),
         {"water-ife": judged.judgments[3], "other": judged.judgments[40]},
     )

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pourcast.comparison.agreement import Compared, Settings
+from pourcast.comparison.agreement import PeopleAndModels, Settings
 from pourcast.comparison.choice import (
     candidates,
     carried_table,
@@ -153,7 +153,7 @@ def test_carried_parameters_are_judged_unchanged(study):
     table = choice_table(fitted(study, WATER, HONEY), SETTINGS)
     trials = people_like(scenes, judged.find("water", WATER), seed=5)
     models = dict.fromkeys(table["spec"], judged.judgments[0])
-    carried = carried_table([Compared(trials, models)], table, SETTINGS)
+    carried = carried_table([PeopleAndModels(trials, models)], table, SETTINGS)
     assert set(carried["model"]) == {"water-ife", "water-marble", "water-simple"}
     assert isinstance(carried, pd.DataFrame)
     expected = np.corrcoef(trials.responses.mean(axis=0), judged.judgments[0])[0, 1]

@@ -19,7 +19,7 @@ from pourcast.scenes.scene_file import write_scenes
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.statistics.observer import Population
-from pourcast.sweep.judged import judged_from
+from pourcast.sweep.judgments import judgments_of
 from pourcast.tables import write_table
 from tests.comparison.make import judgment_table, made_up, made_up_table, voronoi_scenes
 
@@ -80,18 +80,18 @@ def of_water_trials(scenes, specs):
     """Judgments of models on trials with water alone."""
     rng = np.random.default_rng(3)
     tables = [judgment_table(scenes, spec, rng.random(len(scenes)), "water") for spec in specs]
-    return judged_from(tables, scenes)
+    return judgments_of(tables, scenes)
 
 
 @pytest.mark.parametrize("family", ["ife", "position-uncertainty"])
-@pytest.mark.parametrize(("head", "taken"), [("trial", 0), ("water", 3), ("honey", 3)])
+@pytest.mark.parametrize(("imagined", "taken"), [("trial", 0), ("water", 3), ("honey", 3)])
 def test_another_liquid_s_judgments_stand_in_only_where_the_trial_makes_no_difference(
-    family, head, taken
+    family, imagined, taken
 ):
     scenes = voronoi_scenes(4)
-    specs = [f"{family}:liquid={head},n_particles={n}" for n in (15, 20, 25)]
+    specs = [f"{family}:liquid={imagined},n_particles={n}" for n in (15, 20, 25)]
     judged = of_water_trials(scenes, specs)
-    fixed = {"family": family, "head": head}
+    fixed = {"family": family, "imagined": imagined}
     assert len(judged.on_trials("water", **fixed)) == 3
     assert len(judged.on_trials("honey-exp1", **fixed)) == taken
     if taken:
@@ -107,7 +107,7 @@ def test_models_that_use_no_liquid_stand_in_for_any_trial_and_unknown_ones_for_n
     assert len(judged.on_trials("honey-exp1", family="marble")) == 1
     assert len(judged.on_trials("honey-exp1", family="simple")) == 2
     table = judgment_table(scenes, "simple:g=0", np.zeros(4), "water").assign(model="gone-away")
-    assert len(judged_from([table], scenes).on_trials("honey-exp1", family="gone-away")) == 0
+    assert len(judgments_of([table], scenes).on_trials("honey-exp1", family="gone-away")) == 0
 
 
 def test_models_and_power():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pourcast.comparison.agreement import Settings
-from pourcast.comparison.compare import Request, compare_study
+from pourcast.comparison.compare import ComparisonOptions, compare_study
 from pourcast.errors import InputError
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene_file import read_scenes
@@ -42,11 +42,11 @@ def filmed(study, tmp_path):
 
 def test_models_are_compared_with_what_the_films_showed(filmed, monkeypatch):
     folder, outcomes = filmed
-    request = Request(models=("gravity", "truth-stimulus"), settings=QUICK)
+    request = ComparisonOptions(models=("gravity", "truth-stimulus"), settings=QUICK)
     with pytest.raises(InputError, match="truth-stimulus: not all scenes were filmed with honey"):
         compare_study(folder, request)
     monkeypatch.setattr("pourcast.comparison.compare.complete_presets", lambda: ["gravity"])
-    found = compare_study(folder, Request(settings=QUICK))
+    found = compare_study(folder, ComparisonOptions(settings=QUICK))
     water = next(one for one in found.compared if one.trials.liquid == "water")
     assert water.names == ["gravity", "truth-stimulus"]
     assert (water.models["truth-stimulus"] == outcomes).all()

@@ -152,7 +152,7 @@ def test_a_network_of_another_liquid_or_experiment_is_refused(tmp_path):
 
 
 def test_a_sweep_knows_another_network_of_the_same_name(tmp_path):
-    from pourcast.sweep.judged import judge_in_study
+    from pourcast.sweep.judgments import judge_in_study
 
     scenes, path = scenes_of("exp1", 4), written(tmp_path)
     asked = ("water", f"water-convnet:weights={path}")

@@ -3,7 +3,7 @@
 import pytest
 
 from pourcast.comparison.agreement import Settings
-from pourcast.comparison.compare import Request, compare_study
+from pourcast.comparison.compare import ComparisonOptions, compare_study
 from pourcast.observers.observers import Observers
 from pourcast.observers.responses import rehearse
 from pourcast.scenes.scene_file import write_scenes
@@ -28,4 +28,4 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def comparison(study):
-    return compare_study(study, Request(models=CHEAP, settings=Settings(resamples=500)))
+    return compare_study(study, ComparisonOptions(models=CHEAP, settings=Settings(resamples=500)))

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pourcast.comparison.compare import Request, compare_study
+from pourcast.comparison.compare import ComparisonOptions, compare_study
 from pourcast.errors import InputError
 from pourcast.report.page import Options, with_published, write_report
 from pourcast.study.experiments.registry import EXPERIMENTS
@@ -78,7 +78,9 @@ def test_people_s_reports_say_nothing_of_simulation(study, tmp_path):
     table = pd.read_csv(study / "responses" / "simulated.csv").assign(simulated=False)
     path = tmp_path / "people.csv"
     table.to_csv(path, index=False)
-    request = Request(responses=path, models=("gravity", "water-simple"), exclude=("max-rt=8",))
+    request = ComparisonOptions(
+        responses=path, models=("gravity", "water-simple"), exclude=("max-rt=8",)
+    )
     found = compare_study(study, request)
     assert not found.simulated
     text = write_report(found, tmp_path / "report", Options(films=0, studies=0)).read_text()
@@ -104,22 +106,22 @@ def test_published_values_stand_beside(comparison):
 
 def test_what_is_wrong_is_said_in_one_line(study, tmp_path):
     with pytest.raises(InputError, match="expected a study folder"):
-        compare_study(tmp_path / "nowhere", Request())
+        compare_study(tmp_path / "nowhere", ComparisonOptions())
     with pytest.raises(InputError, match="there is no 'watr-ife'"):
-        compare_study(study, Request(models=("watr-ife",)))
+        compare_study(study, ComparisonOptions(models=("watr-ife",)))
     two = study.parent / "two"
     (two / "responses").mkdir(parents=True)
     (two / "scenes.json").write_bytes((study / "scenes.json").read_bytes())
     with pytest.raises(InputError, match="no table of responses"):
-        compare_study(two, Request())
+        compare_study(two, ComparisonOptions())
     for name in "ab":
         (two / "responses" / f"{name}.csv").write_text("x\n")
     with pytest.raises(
         InputError, match=r"more than one source of responses \(responses.a.csv, responses.b.csv\)"
     ):
-        compare_study(two, Request())
+        compare_study(two, ComparisonOptions())
     table = pd.read_csv(study / "responses" / "simulated.csv")
     few = tmp_path / "few.csv"
     table[table["scene"].isin(["s00", "s01"])].to_csv(few, index=False)
     with pytest.raises(InputError, match="water: 2 scenes were answered, expected at least 3"):
-        compare_study(study, Request(responses=few))
+        compare_study(study, ComparisonOptions(responses=few))

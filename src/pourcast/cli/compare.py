@@ -27,7 +27,7 @@ from pourcast.cli.terminal import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pourcast.comparison.compare import Comparison, Request
+    from pourcast.comparison.compare import Comparison, ComparisonOptions
 
 ResponsesOption = Annotated[
     Path | None,
@@ -53,7 +53,7 @@ BayesOption = Annotated[
 ]
 
 
-def _request(
+def _options(
     responses: Path | None,
     model: list[str] | None,
     percent: bool,
@@ -63,12 +63,12 @@ def _request(
     seed: int,
     carry_from: Path | None,
     bayes: bool,
-) -> "Request":
+) -> "ComparisonOptions":
     from pourcast.comparison.agreement import Settings
     from pourcast.comparison.choice import read_choice
-    from pourcast.comparison.compare import Request
+    from pourcast.comparison.compare import ComparisonOptions
 
-    return Request(
+    return ComparisonOptions(
         responses=responses,
         models=tuple(model or ()),
         percent=percent,
@@ -108,11 +108,11 @@ def compare(
 
     if out is not None:
         check_writable(out / "agreement.csv")
-    request = _request(
+    options = _options(
         responses, model, percent, exclude, resample, resamples, seed, carry_from, bayes
     )
     with progress_bar() as report:
-        found = compare_study(study, request, report)
+        found = compare_study(study, options, report)
     tables = found.marked_tables()
     if out is not None:
         for name, table in tables.items():
@@ -222,13 +222,13 @@ def report(
     from pourcast.study.folder import study_scenes
 
     folder = out or study / "report"
-    request = _request(
+    options = _options(
         responses, model, percent, exclude, resample, resamples, seed, carry_from, bayes
     )
     study_scenes(study)
     check_writable(folder / "report.html")
     with progress_bar() as bar:
-        found = compare_study(study, request, bar)
+        found = compare_study(study, options, bar)
         page = write_report(found, folder, Options(films=films, studies=studies), bar)
     _print_report(found, page)
 

@@ -66,7 +66,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Compared:
+class PeopleAndModels:
     """People and models on the same scenes, with one liquid.
 
     Parameters
@@ -105,16 +105,18 @@ def short_liquid(liquid: str) -> str:
 _STREAMS: dict[Resampled, int] = {"participants": 0, "scenes": 1, "both": 2}
 
 
-def _drawn(compared: Compared, settings: Settings, resampled: Resampled) -> tuple[Array, Array]:
+def _drawn(
+    compared: PeopleAndModels, settings: Settings, resampled: Resampled
+) -> tuple[Array, Array]:
     """Resamples of the people's means; the same for every table, so that all are paired."""
-    found = resample(
+    drawn = resample(
         compared.trials.responses, resampled, settings.rng(1, _STREAMS[resampled]),
         settings.resamples,
     )  # fmt: skip
-    return found.means, found.weights
+    return drawn.means, drawn.weights
 
 
-def agreement_table(compared: Compared, settings: Settings) -> pd.DataFrame:
+def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
     """Agreement of each model with people's mean judgments.
 
     Returns
@@ -127,12 +129,12 @@ def agreement_table(compared: Compared, settings: Settings) -> pd.DataFrame:
     """
     judgments, names = compared.judgments, compared.names
     people = mean_judgments(compared.trials.responses)
-    found = agreement(people, judgments)
+    observed = agreement(people, judgments)
     means, weights = _drawn(compared, settings, settings.resampled)
     drawn = agreement(means, judgments, weights)
     table = pd.DataFrame({"liquid": compared.trials.liquid, "model": names})
     for measure in MEASURES:
-        table[measure] = getattr(found, measure)
+        table[measure] = getattr(observed, measure)
         low, high = interval(getattr(drawn, measure), settings.level)
         table[f"{measure}_low"], table[f"{measure}_high"] = low, high
     table["resampled"] = settings.resampled
@@ -156,7 +158,7 @@ def _nan_interval(values: Array, level: float) -> tuple[Array, Array]:
     return np.where(enough, low, np.nan), np.where(enough, high, np.nan)
 
 
-def intervals_table(compared: Compared, settings: Settings) -> pd.DataFrame:
+def intervals_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
     """Each model's r with its interval over participants, over scenes, and over both.
 
     Returns
@@ -179,7 +181,7 @@ def intervals_table(compared: Compared, settings: Settings) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def differences_table(compared: Compared, settings: Settings) -> pd.DataFrame:
+def differences_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
     """Differences in r between all pairs of models, on the same resamples.
 
     Returns
@@ -280,24 +282,24 @@ class Individuals:
     def summary(self) -> pd.DataFrame:
         """A row a liquid: the fitted beta, the Kolmogorov-Smirnov test, how many beat chance."""
         rows = []
-        for liquid, found in self.against.items():
-            usable = np.isfinite(found.observed)
+        for liquid, result in self.against.items():
+            usable = np.isfinite(result.observed)
             rows.append(
                 {
                     "liquid": liquid,
-                    "beta_a": found.beta[0],
-                    "beta_b": found.beta[1],
-                    "mean_r": float(found.observed[usable].mean()) if usable.any() else np.nan,
-                    "beat_chance": int((found.p[usable] < 1.0 - self.level).sum()),
+                    "beta_a": result.beta[0],
+                    "beta_b": result.beta[1],
+                    "mean_r": float(result.observed[usable].mean()) if usable.any() else np.nan,
+                    "beat_chance": int((result.p[usable] < 1.0 - self.level).sum()),
                     "participants": int(usable.sum()),
-                    "ks_D": found.ks_statistic,
-                    "ks_p": found.ks_p,
+                    "ks_D": result.ks_statistic,
+                    "ks_p": result.ks_p,
                 }
             )
         return pd.DataFrame(rows)
 
 
-def individuals(compared: Sequence[Compared], settings: Settings) -> Individuals:
+def individuals(compared: Sequence[PeopleAndModels], settings: Settings) -> Individuals:
     """Each participant's correlation with the ground truth of the liquid, against chance.
 
     Liquids whose truth isn't among the models, or whose answers are all the same, are left out.
@@ -309,10 +311,10 @@ def individuals(compared: Sequence[Compared], settings: Settings) -> Individuals
             continue
         responses = one.trials.responses
         try:
-            found = against_null(responses, truth, settings.rng(5, number))
+            result = against_null(responses, truth, settings.rng(5, number))
         except ValueError:
             continue
-        against[one.trials.liquid] = found
+        against[one.trials.liquid] = result
         tables.append(
             pd.DataFrame(
                 {
@@ -321,8 +323,8 @@ def individuals(compared: Sequence[Compared], settings: Settings) -> Individuals
                     "trials": np.isfinite(responses).sum(axis=1),
                     "mean": np.nanmean(responses, axis=1),
                     "sd": np.nanstd(responses, axis=1),
-                    "r": found.observed,
-                    "p": found.p,
+                    "r": result.observed,
+                    "p": result.p,
                 }
             )
         )
@@ -330,7 +332,7 @@ def individuals(compared: Sequence[Compared], settings: Settings) -> Individuals
     return Individuals(table, against, settings.level)
 
 
-def people_table(compared: Sequence[Compared]) -> pd.DataFrame:
+def people_table(compared: Sequence[PeopleAndModels]) -> pd.DataFrame:
     """A row a scene and liquid: people's `mean`, `sd`, `answers`, and every model's judgment."""
     tables = []
     for one in compared:

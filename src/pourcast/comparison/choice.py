@@ -16,14 +16,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pourcast.comparison.agreement import Compared, Settings, short_liquid
+from pourcast.comparison.agreement import PeopleAndModels, Settings, short_liquid
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
 from pourcast.statistics.bootstrap import Resamples, interval, random_halves, resample, tails
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.statistics.fit import flat, profile, tied
 from pourcast.study.responses import Trials
-from pourcast.sweep.judged import OWN_ALPHA, Judged
+from pourcast.sweep.judgments import OWN_ALPHA, Judgments
 from pourcast.tables import numbers_in, read_table, require_columns
 
 Array = NDArray[np.float64]
@@ -57,8 +57,8 @@ class Fit(NamedTuple):
 
 
 _IFE = ("n_particles", "viscosity_alpha", "damping_zeta")
-_WATER_IN_HEAD = {"family": "ife", "head": "water", "zeta_sigma": 4}
-_HONEY_IN_HEAD = {"family": "ife", "head": "honey", "zeta_sigma": 4}
+_WATER_IN_HEAD = {"family": "ife", "imagined": "water", "zeta_sigma": 4}
+_HONEY_IN_HEAD = {"family": "ife", "imagined": "honey", "zeta_sigma": 4}
 _MARBLE, _MARBLE_AXES = {"family": "marble", "zeta_sigma": 4}, ("n_particles", "damping_zeta")
 _SIMPLE, _SIMPLE_AXES = {"family": "simple", "m_sigma": 0.04}, ("g", "m")
 
@@ -99,12 +99,12 @@ class Candidates:
             same &= self.axes[axis] == value
         return same
 
-    def values(self, place: int) -> dict[str, Any]:
+    def values(self, number: int) -> dict[str, Any]:
         """Parameters of one candidate."""
-        return {axis: column[place] for axis, column in self.axes.items()}
+        return {axis: column[number] for axis, column in self.axes.items()}
 
 
-def candidates(judged: Judged, trials: Sequence[Trials]) -> dict[str, Candidates]:
+def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candidates]:
     """What there is to choose from, for each fitted model; models without any are left out.
 
     Parameters
@@ -115,7 +115,7 @@ def candidates(judged: Judged, trials: Sequence[Trials]) -> dict[str, Candidates
         People's responses.
     """
     by_liquid = {short_liquid(one.liquid): one for one in trials}
-    found = {}
+    sets = {}
     for name, (liquid, fixed, axes, _) in FITTED.items():
         if liquid not in by_liquid:
             continue
@@ -124,8 +124,8 @@ def candidates(judged: Judged, trials: Sequence[Trials]) -> dict[str, Candidates
         rows = there.on_trials(one.liquid, **fixed)
         if len(rows):
             columns = {axis: there.rows[axis].to_numpy()[rows] for axis in axes}
-            found[name] = Candidates(one, columns, there.judgments[rows])
-    return found
+            sets[name] = Candidates(one, columns, there.judgments[rows])
+    return sets
 
 
 def choose(sets: Mapping[str, Candidates], scores: Mapping[str, Array]) -> dict[str, int]:
@@ -244,11 +244,11 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
     """
     scores, rows = _scores(sets), []
     drawn_of = {one.trials.liquid: _resamples(one.trials, settings) for one in sets.values()}
-    for name, place in choose(sets, scores).items():
-        one, values = sets[name], sets[name].values(place)
+    for name, number in choose(sets, scores).items():
+        one, values = sets[name], sets[name].values(number)
         drawn = drawn_of[one.trials.liquid]
         r = pearson(drawn.means, one.judgments, drawn.weights)
-        low, high = interval(r[:, place], settings.level)
+        low, high = interval(r[:, number], settings.level)
         inherited = {axis: values[axis] for axis in values if axis not in FITTED[name].free}
         rivals = one.at(**inherited)
         paper = make_model(name).parameters()
@@ -263,12 +263,12 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
                 **values,
                 "fitted": ", ".join(FITTED[name].free) or "none",
                 "candidates": int(rivals.sum()),
-                "r": float(scores[name][place]),
+                "r": float(scores[name][number]),
                 "low": float(low),
                 "high": float(high),
                 "resampled": settings.resampled,
                 "ties": len(tied(np.where(rivals, scores[name], np.nan))) - 1,
-                "flat": _flat_ranges(name, one, r, place, settings),
+                "flat": _flat_ranges(name, one, r, number, settings),
                 "paper": _in_words(paper_values),
                 "r_paper": float(scores[name][there[0]]) if len(there) else np.nan,
                 "spec": spec_of(name, values),
@@ -289,23 +289,23 @@ def _in_words(values: Mapping[str, Any]) -> str:
     )
 
 
-def _flat_ranges(name: str, one: Candidates, drawn: Array, place: int, settings: Settings) -> str:
+def _flat_ranges(name: str, one: Candidates, drawn: Array, number: int, settings: Settings) -> str:
     """Values of each fitted parameter, the others as chosen, that do as well as the best."""
-    found = []
-    values = one.values(place)
+    ranges = []
+    values = one.values(number)
     for axis in FITTED[name].free:
         others = {key: value for key, value in values.items() if key != axis}
         along = np.flatnonzero(one.at(**others))
         if len(along) < 2:
-            found.append(f"{axis}: no other value was swept")
+            ranges.append(f"{axis}: no other value was swept")
             continue
-        best = int(np.flatnonzero(along == place)[0])
+        best = int(np.flatnonzero(along == number)[0])
         as_good = along[flat(drawn[:, along], best, settings.level)]
         levels = sorted({str(one.axes[axis][k]) for k in as_good}, key=_number)
-        found.append(
+        ranges.append(
             f"{axis}: {', '.join(f'{_number(v):g}' if v != OWN_ALPHA else v for v in levels)}"
         )
-    return "; ".join(found)
+    return "; ".join(ranges)
 
 
 def _number(text: str) -> float:
@@ -342,7 +342,7 @@ def cross_validation_table(
     overall = choose(sets, everywhere)
     picks = [choose(sets, {name: train[name][k] for name in sets}) for k in range(halvings)]
     rows = []
-    for name, place in overall.items():
+    for name, number in overall.items():
         made = [(k, pick[name]) for k, pick in enumerate(picks) if name in pick]
         trained = np.array([train[name][at] for at in made])
         tested = np.array([test[name][at] for at in made])
@@ -351,7 +351,7 @@ def cross_validation_table(
             {
                 "model": name,
                 "liquid": sets[name].trials.liquid,
-                "in_sample": float(everywhere[name][place]),
+                "in_sample": float(everywhere[name][number]),
                 "train": float(np.nanmean(trained)),
                 "test": float(np.nanmean(tested)),
                 "test_low": float(low),
@@ -364,11 +364,11 @@ def cross_validation_table(
     return pd.DataFrame(rows)
 
 
-def _most_chosen(name: str, one: Candidates, places: Sequence[int], most: int = 3) -> str:
+def _most_chosen(name: str, one: Candidates, numbers: Sequence[int], most: int = 3) -> str:
     """The parameters that were chosen most often, with their shares."""
     free = FITTED[name].free or tuple(one.axes)
     words = pd.Series(
-        [_in_words({axis: one.axes[axis][place] for axis in free}) for place in places]
+        [_in_words({axis: one.axes[axis][number] for axis in free}) for number in numbers]
     )
     shares = words.value_counts(normalize=True).head(most)
     return "; ".join(f"{words} ({100 * share:.0f} %)" for words, share in shares.items())
@@ -386,7 +386,7 @@ def scores_table(sets: Mapping[str, Candidates]) -> pd.DataFrame:
 
 
 def carried_table(
-    compared: Sequence[Compared], choice: pd.DataFrame, settings: Settings
+    compared: Sequence[PeopleAndModels], choice: pd.DataFrame, settings: Settings
 ) -> pd.DataFrame:
     """Parameters of another experiment, unchanged, against these people.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from pourcast.comparison import agreement, choice, stimulus, window
-from pourcast.comparison.agreement import Compared, Individuals, Settings, short_liquid
+from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings, short_liquid
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
@@ -20,14 +20,14 @@ from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
 from pourcast.study.experiments.base import Experiment
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import Exclusion, arrange, exclude, remarks
-from pourcast.sweep.judged import Judged, judge_in_study, read_judged, sweep_words
+from pourcast.sweep.judgments import Judgments, judge_in_study, study_judgments, sweep_words
 
 LARGEST_R_HAT = 1.05
 """Chains of a posterior that differ by more are told of."""
 
 
 @dataclass(frozen=True)
-class Request:
+class ComparisonOptions:
     """What is to be compared.
 
     Parameters
@@ -93,8 +93,8 @@ class Comparison:
     source: tuple[Path, str]
     simulated: bool
     settings: Settings
-    compared: tuple[Compared, ...]
-    judged: Judged
+    compared: tuple[PeopleAndModels, ...]
+    judged: Judgments
     exclusions: tuple[Exclusion, ...]
     remarks: tuple[str, ...]
     individuals: Individuals
@@ -127,7 +127,9 @@ TABLES = {
 """Tables of a comparison, and what they say; those that the data can't fill are left out."""
 
 
-def compare_study(study: Path, request: Request, report: Report = no_report) -> Comparison:
+def compare_study(
+    study: Path, options: ComparisonOptions, report: Report = no_report
+) -> Comparison:
     """Compare a study's models with people.
 
     Judgments that are not there yet are simulated, through the study's store.
@@ -136,7 +138,7 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
     ----------
     study
         The study folder.
-    request
+    options
         What is to be compared.
     report
         Told of the progress.
@@ -149,11 +151,11 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
         If judgments could not be made.
     """
     scenes = study_scenes(study)
-    if request.bayes:
+    if options.bayes:
         require_extra("bayes")
-    table, path = study_responses(study, request.responses, scenes, percent=request.percent)
-    settings = request.settings
-    table, exclusions = exclude(table, request.exclude)
+    table, path = study_responses(study, options.responses, scenes, percent=options.percent)
+    settings = options.settings
+    table, exclusions = exclude(table, options.exclude)
     trials = arrange(table, scenes, str(path))
     for one in trials:
         if len(one.scenes) < agreement.FEWEST_SCENES:
@@ -163,49 +165,51 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
             )
     experiment, own = study_experiment(study, scenes), study_liquids(study)
     usual = (experiment and experiment.models) or complete_presets()
-    asked = list(request.models or usual)
+    asked = list(options.models or usual)
     specs = [spec for spec in asked if spec != stimulus.NAME]
-    carried = [] if request.carried is None else list(request.carried["spec"])
+    carried = [] if options.carried is None else list(options.carried["spec"])
     wanted = [
         (short_liquid(one.liquid), spec)
         for one in trials
         for spec in dict.fromkeys([*specs, *carried])
     ]
-    found = judge_in_study(study, scenes, wanted, "compare", report=sweep_words(report, "judging"))
+    judgments = judge_in_study(
+        study, scenes, wanted, "compare", report=sweep_words(report, "judging")
+    )
     for liquid in {short_liquid(one.liquid) for one in trials}:
         if len(specs) < len(asked):
-            found[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
+            judgments[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
         elif (
-            not request.models
+            not options.models
             and (truth := stimulus.stimulus_truth(study, scenes, liquid)) is not None
         ):
-            found[liquid, stimulus.NAME] = truth
-    place = {scene.id: k for k, scene in enumerate(scenes)}
+            judgments[liquid, stimulus.NAME] = truth
+    index = {scene.id: k for k, scene in enumerate(scenes)}
     labels = labels_of([*specs, *carried, stimulus.NAME])
 
-    def compared(names: Sequence[str]) -> tuple[Compared, ...]:
+    def compared(names: Sequence[str]) -> tuple[PeopleAndModels, ...]:
         return tuple(
-            Compared(
+            PeopleAndModels(
                 one,
                 {
-                    labels[spec]: found[short_liquid(one.liquid), spec][
-                        [place[s.id] for s in one.scenes]
+                    labels[spec]: judgments[short_liquid(one.liquid), spec][
+                        [index[s.id] for s in one.scenes]
                     ]
                     for spec in names
-                    if (short_liquid(one.liquid), spec) in found
+                    if (short_liquid(one.liquid), spec) in judgments
                 },
             )
             for one in trials
         )
 
-    judged = read_judged(study, scenes)
+    judged = study_judgments(study, scenes)
     people = compared([*specs, stimulus.NAME])
     individuals = agreement.individuals(people, settings)
     tables = _tables(people, judged, settings, individuals, report)
-    if request.bayes:
+    if options.bayes:
         tables |= _bayes(people, settings, report)
-    if request.carried is not None:
-        tables["carried"] = choice.carried_table(compared(carried), request.carried, settings)
+    if options.carried is not None:
+        tables["carried"] = choice.carried_table(compared(carried), options.carried, settings)
     return Comparison(
         study=study,
         experiment=experiment,
@@ -223,8 +227,8 @@ def compare_study(study: Path, request: Request, report: Report = no_report) -> 
 
 
 def _tables(
-    people: Sequence[Compared],
-    judged: Judged,
+    people: Sequence[PeopleAndModels],
+    judged: Judgments,
     settings: Settings,
     individuals: Individuals,
     report: Report,
@@ -254,7 +258,7 @@ def _tables(
 
 
 def _bayes(
-    people: Sequence[Compared], settings: Settings, report: Report
+    people: Sequence[PeopleAndModels], settings: Settings, report: Report
 ) -> dict[str, pd.DataFrame]:
     """Models compared by the likelihood of single answers, for each liquid."""
     # JAX is loaded only for this.
@@ -262,26 +266,26 @@ def _bayes(
 
     loos, posteriors = [], []
     for one in people:
-        found = compare_models(
+        fit = compare_models(
             one.trials.responses, one.models, Sampling(seed=settings.seed), report,
             level=settings.level,
         )  # fmt: skip
-        loos.append(_labelled(found.loo, one))
-        posteriors.append(_labelled(found.parameters, one))
+        loos.append(_labelled(fit.loo, one))
+        posteriors.append(_labelled(fit.parameters, one))
     return {
         "loo": pd.concat(loos, ignore_index=True),
         "posterior": pd.concat(posteriors, ignore_index=True),
     }
 
 
-def _labelled(table: pd.DataFrame, one: Compared) -> pd.DataFrame:
+def _labelled(table: pd.DataFrame, one: PeopleAndModels) -> pd.DataFrame:
     table.insert(0, "liquid", one.trials.liquid)
     return table
 
 
 def _stacked(
-    make: Callable[[Compared, Settings], pd.DataFrame],
-    people: Sequence[Compared],
+    make: Callable[[PeopleAndModels, Settings], pd.DataFrame],
+    people: Sequence[PeopleAndModels],
     settings: Settings,
 ) -> pd.DataFrame:
     return pd.concat([make(one, settings) for one in people], ignore_index=True)
@@ -297,16 +301,16 @@ def _models_remarks(
 
 def _doubts(tables: dict[str, pd.DataFrame]) -> list[str]:
     """What could not be computed or be relied on, and why."""
-    found = []
+    doubts = []
     if tables["choice"].empty:
-        found.append(
+        doubts.append(
             "no parameters were chosen: no grid was swept (`pourcast sweep STUDY --grid quick`)"
         )
     elif tables["cross_validation"].empty:
-        found.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
+        doubts.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
     if "posterior" in tables:
         bad = tables["posterior"].query("r_hat > @LARGEST_R_HAT")
-        found += [
+        doubts += [
             f"{liquid}: the chains of {model} disagree (R-hat above {LARGEST_R_HAT}): trust its "
             "likelihood less"
             for liquid, model in dict.fromkeys(zip(bad["liquid"], bad["model"], strict=True))
@@ -314,9 +318,9 @@ def _doubts(tables: dict[str, pd.DataFrame]) -> list[str]:
     small = tables["reliability"]
     if "split_half" in small:
         small = small[small["split_half"].isna()]
-    found += [
+    doubts += [
         f"{row.liquid}: no split-half reliability: {row.participants} participants, "
         f"at least {FEWEST_PARTICIPANTS} are needed"
         for row in small.itertuples()
     ]
-    return found
+    return doubts

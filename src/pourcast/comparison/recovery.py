@@ -17,12 +17,18 @@ from pourcast.statistics.observer import Population
 from pourcast.statistics.recovery import confusion, power_of, recover_parameters
 from pourcast.study.experiments.base import observer_model
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
-from pourcast.sweep.judged import OWN_ALPHA, Judged, columns_of, judge_in_study, read_judged
+from pourcast.sweep.judgments import (
+    OWN_ALPHA,
+    Judgments,
+    columns_of,
+    judge_in_study,
+    study_judgments,
+)
 
 Array = NDArray[np.float64]
 
 
-def along(judged: Judged, liquid: str, spec: str, axis: str) -> tuple[list[Any], Array]:
+def along(judged: Judgments, liquid: str, spec: str, axis: str) -> tuple[list[Any], Array]:
     """Judgments along one parameter, the others as in a spec.
 
     Parameters
@@ -52,16 +58,16 @@ def along(judged: Judged, liquid: str, spec: str, axis: str) -> tuple[list[Any],
         raise InputError(f"parameter: {unknown(axis, known)}")
     fixed = columns_of(parameters) | {"family": family_of(name_of(spec))}
     del fixed[axis]
-    found: dict[Any, Array] = {}
+    judgments_at: dict[Any, Array] = {}
     for row in judged.on_trials(liquid, **fixed):
-        found.setdefault(judged.rows[axis].iloc[row], judged.judgments[row])
-    if len(found) < 2:
+        judgments_at.setdefault(judged.rows[axis].iloc[row], judged.judgments[row])
+    if len(judgments_at) < 2:
         raise InputError(
-            f"parameter {axis}: {len(found)} of its values were swept with {spec}, expected at "
-            "least 2; run `pourcast sweep STUDY --grid ...` first"
+            f"parameter {axis}: {len(judgments_at)} of its values were swept with {spec}, "
+            "expected at least 2; run `pourcast sweep STUDY --grid ...` first"
         )
-    values = sorted(found, key=lambda value: -1.0 if value == OWN_ALPHA else float(value))
-    return values, np.stack([found[value] for value in values])
+    values = sorted(judgments_at, key=lambda value: -1.0 if value == OWN_ALPHA else float(value))
+    return values, np.stack([judgments_at[value] for value in values])
 
 
 def _planting(report: Report) -> Progress:
@@ -164,11 +170,11 @@ def power_table(
     rows = []
     for done, (people, shown) in enumerate(sizes):
         report(f"{true_name} against {rival_name}: {people} x {shown}", done, len(sizes))
-        found = power_of(
+        power = power_of(
             true, rival, observers=people, scenes=shown, studies=studies, population=population,
             rng=np.random.default_rng([seed, people, shown]), resampled=resampled, level=level,
         )  # fmt: skip
-        rows.append({"observers": people, "scenes": shown, **vars(found)})
+        rows.append({"observers": people, "scenes": shown, **vars(power)})
     return pd.DataFrame(rows)
 
 
@@ -229,7 +235,7 @@ def recover_parameter(
     scenes = study_scenes(study)
     spec = spec or observer_model(study_experiment(study, scenes), liquid)
     shown = resolve_liquid(liquid, scenes[0], study_liquids(study)).name
-    values, judgments = along(read_judged(study, scenes), shown, spec, parameter)
+    values, judgments = along(study_judgments(study, scenes), shown, spec, parameter)
     table = parameter_recovery_table(
         values, judgments, observers=observers, studies=studies, population=population,
         spread=spread, seed=seed, report=report,

@@ -9,13 +9,15 @@ from pourcast.comparison.agreement import Settings
 from pourcast.models.base import zeta_window
 from pourcast.models.registry import family_of, make_model
 from pourcast.statistics.variance import WindowVariance, unpaired_t, window_variance
-from pourcast.sweep.judged import Judged, columns_of
+from pourcast.sweep.judgments import Judgments, columns_of
 
 CONDITIONS = ("water-ife", "honey-ife-1", "honey-ife-2")
 """Models whose windows are looked at: the paper's three IFEs."""
 
 
-def window_variances(judged: Judged, liquid: str, settings: Settings) -> dict[str, WindowVariance]:
+def window_variances(
+    judged: Judgments, liquid: str, settings: Settings
+) -> dict[str, WindowVariance]:
     """Variance over the window of each of `CONDITIONS`, from its deterministic judgments.
 
     Parameters
@@ -27,7 +29,7 @@ def window_variances(judged: Judged, liquid: str, settings: Settings) -> dict[st
     settings
         How intervals are made.
     """
-    found = {}
+    variances = {}
     for number, name in enumerate(CONDITIONS):
         parameters = make_model(name).parameters()
         window = zeta_window(parameters["damping_zeta"], parameters["zeta_sigma"])
@@ -36,8 +38,8 @@ def window_variances(judged: Judged, liquid: str, settings: Settings) -> dict[st
         if all(len(row) for row in rows):
             judgments = judged.judgments[[int(row[0]) for row in rows]]
             rng = settings.rng(6, number)
-            found[name] = window_variance(judgments, rng, settings.level, settings.resamples)
-    return found
+            variances[name] = window_variance(judgments, rng, settings.level, settings.resamples)
+    return variances
 
 
 def variance_table(variances: Mapping[str, WindowVariance]) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from pourcast.observers.observers import Head, Observers, simulate_observers
 from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.study.experiments.base import Experiment, observer_model
-from pourcast.sweep.judged import judge_in_study, sweep_words
+from pourcast.sweep.judgments import judge_in_study, sweep_words
 from pourcast.tables import write_table
 
 USUAL_OBSERVERS = 20

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.comparison.agreement import Compared, short_liquid
+from pourcast.comparison.agreement import PeopleAndModels, short_liquid
 from pourcast.comparison.compare import Comparison
 from pourcast.comparison.recovery import (
     along,
@@ -153,7 +153,7 @@ def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterat
         yield from _zeta_recovery(one, comparison, common)
 
 
-def _model_recovery(one: Compared, common: dict[str, Any]) -> Shown:
+def _model_recovery(one: PeopleAndModels, common: dict[str, Any]) -> Shown:
     short, count = short_liquid(one.trials.liquid), len(one.trials.participants)
     table = model_recovery_table(one.models, observers=count, **common)
     title = f"{short} trials: {count} participants, {len(one.trials.scenes)} scenes"
@@ -163,7 +163,7 @@ def _model_recovery(one: Compared, common: dict[str, Any]) -> Shown:
     )  # fmt: skip
 
 
-def _power(one: Compared, level: float, common: dict[str, Any]) -> Iterator[Shown]:
+def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterator[Shown]:
     best, short = models.best_of_each_family(one, 2), short_liquid(one.trials.liquid)
     if len(best) < 2:
         return
@@ -179,7 +179,7 @@ def _power(one: Compared, level: float, common: dict[str, Any]) -> Iterator[Show
 
 
 def _zeta_recovery(
-    one: Compared, comparison: Comparison, common: dict[str, Any]
+    one: PeopleAndModels, comparison: Comparison, common: dict[str, Any]
 ) -> Iterator[Shown]:
     short = short_liquid(one.trials.liquid)
     spec = observer_model(comparison.experiment, short)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pourcast.comparison.agreement import Settings
 from pourcast.comparison.choice import candidates, count_without_alphas, read_choice
-from pourcast.comparison.compare import Comparison, Request, compare_study
+from pourcast.comparison.compare import Comparison, ComparisonOptions, compare_study
 from pourcast.errors import StoreError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.models.registry import complete_presets
@@ -22,7 +22,7 @@ from pourcast.study.experiments.registry import EXPERIMENTS
 from pourcast.study.folder import SceneRequest, open_study
 from pourcast.study.responses import Trials, arrange, exclude
 from pourcast.sweep.grid import Grid, experiment_grid, parse_grid, read_grid
-from pourcast.sweep.judged import read_judged, sweep_in_study, sweep_words
+from pourcast.sweep.judgments import study_judgments, sweep_in_study, sweep_words
 from pourcast.sweep.table import write_judgments
 
 QUICK_SCENES = 24
@@ -65,7 +65,7 @@ class Reproduction:
     carry_from
         An Experiment 1 that was reproduced before: its parameters are carried over.
     exclude, percent
-        As for `analysis.comparison.Request`.
+        As for `analysis.compare.ComparisonOptions`.
     with_convnet
         Whether to train networks, and compare them, too.
     convnet_scenes
@@ -130,13 +130,13 @@ def reproduce(
     if responses is None:
         observers = observers_of(experiment, seed=wanted.seed)
         responses = rehearse(folder, scenes, observers, report=report)
-    request = Request(
+    request = ComparisonOptions(
         responses=responses, models=(*(experiment.models or complete_presets()), *networks),
         percent=wanted.percent, exclude=wanted.exclude, settings=Settings(seed=wanted.seed),
         carried=carried,
     )  # fmt: skip
     trials = _trials(folder, wanted, responses, scenes)
-    count = count_without_alphas(candidates(read_judged(folder, scenes), trials))
+    count = count_without_alphas(candidates(study_judgments(folder, scenes), trials))
     if count is not None:
         liquids = json.dumps(experiment.shown_liquids)
         text = ALPHA_GRID.format(count=count, liquids=liquids)

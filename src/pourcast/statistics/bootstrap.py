@@ -6,7 +6,7 @@ difference of two columns (Efron & Tibshirani 1993, chapters 8 and 16).
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,6 @@ Array = NDArray[np.float64]
 Resampled = Literal["participants", "scenes", "both"]
 """What is drawn again: the participants (the paper's intervals match this), the scenes, or
 both, crossed."""
-
-RESAMPLED: tuple[str, ...] = get_args(Resampled)
 
 RESAMPLES = 10_000
 """The paper's number."""

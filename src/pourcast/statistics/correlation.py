@@ -58,8 +58,8 @@ def agreement(people: Array, models: Array, weights: Array | None = None) -> Agr
 
     Examples
     --------
-    >>> found = agreement(np.array([0.2, 0.4, 0.6]), np.array([[0.1, 0.5, 0.9]]))
-    >>> [round(float(getattr(found, name)[0]), 6) for name in ("r", "bias", "slope")]
+    >>> one = agreement(np.array([0.2, 0.4, 0.6]), np.array([[0.1, 0.5, 0.9]]))
+    >>> [round(float(getattr(one, name)[0]), 6) for name in ("r", "bias", "slope")]
     [1.0, -0.1, 0.5]
     """
     y = np.atleast_2d(people)

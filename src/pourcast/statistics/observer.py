@@ -132,20 +132,20 @@ class Population:
 def spread_over_grid(
     planted: int, spread: float, count: int, observers: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
-    """Each observer's own place on a grid of parameters, about the planted one.
+    """Each observer's own point on a grid of parameters, about the planted one.
 
     Parameters
     ----------
     planted
-        Place of the population's middle.
+        Point of the population's middle.
     spread
         Standard deviation in grid steps.
     count
-        Number of places.
+        Number of points.
     observers
         How many observers.
     rng
         Source of randomness.
     """
-    places = np.rint(planted + spread * rng.standard_normal(observers))
-    return np.clip(places, 0, count - 1).astype(np.int64)
+    points = np.rint(planted + spread * rng.standard_normal(observers))
+    return np.clip(points, 0, count - 1).astype(np.int64)

@@ -76,10 +76,10 @@ def recover_parameters(
         Number of the candidate that was recovered, shape [planted_count, studies].
     """
     recovered = np.empty((len(planted), studies), dtype=np.int64)
-    for row, place in enumerate(planted):
+    for row, candidate in enumerate(planted):
         means = np.empty((studies, candidates.shape[1]))
         for study in range(studies):
-            own = spread_over_grid(place, spread, len(candidates), observers, rng)
+            own = spread_over_grid(candidate, spread, len(candidates), observers, rng)
             means[study] = simulated_means(candidates[own], observers, population, rng)
         scores = pearson(means, candidates)
         recovered[row] = np.where(np.isnan(scores), -np.inf, scores).argmax(axis=1)
@@ -161,5 +161,5 @@ def power_of(
         low, high = interval(known, level)
         right += bool(low > 0.0)
         wrong += bool(high < 0.0)
-    found = binomtest(right, studies).proportion_ci(level, method="wilson")
-    return Power(right / studies, float(found.low), float(found.high), wrong / studies)
+    limits = binomtest(right, studies).proportion_ci(level, method="wilson")
+    return Power(right / studies, float(limits.low), float(limits.high), wrong / studies)

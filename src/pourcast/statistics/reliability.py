@@ -41,8 +41,8 @@ class Halves:
     def correlations(self) -> Array:
         """Correlation of the halves in each split, shape [split_count]."""
         once = np.ones((1, self.first.shape[1]))
-        found: Array = _rowwise(self.first, self.second, once)[0]
-        return found
+        r: Array = _rowwise(self.first, self.second, once)[0]
+        return r
 
     def mean_correlations(self, scene_counts: Array) -> Array:
         """Mean over the splits, in each resample of scenes, shape [resample_count].
@@ -53,8 +53,8 @@ class Halves:
             How often each scene is drawn, shape [resample_count, scene_count].
         """
         blocks = np.array_split(scene_counts, max(1, len(scene_counts) // _BLOCK))
-        found = [_rowwise(self.first, self.second, block).mean(axis=1) for block in blocks]
-        return np.concatenate(found)
+        blocks_r = [_rowwise(self.first, self.second, block).mean(axis=1) for block in blocks]
+        return np.concatenate(blocks_r)
 
 
 def _rowwise(x: Array, y: Array, weights: Array) -> Array:
@@ -139,8 +139,8 @@ def reliability(responses: Array, scene_counts: Array | None = None) -> Array:
     # n - 1, as in an unbiased variance of the scenes that were drawn.
     spread = (weights @ (y * y) - (weights @ y) ** 2 / total) / (total - 1.0)
     share = 1.0 - (weights @ error) / total / spread
-    found = np.where(share > 0.0, share, np.nan)
-    return found if scene_counts is not None else found[0]
+    known = np.where(share > 0.0, share, np.nan)
+    return known if scene_counts is not None else known[0]
 
 
 def explained_share(responses: Array, models: Array, scene_counts: Array | None = None) -> Array:

@@ -176,7 +176,7 @@ def plan_table(share: float = 0.05, seed: int = 0, report: Report = no_report) -
         for done, part in enumerate(parts):
             label = f"{name}: {in_words(part.group)}"
             report(label, done, len(parts))
-            count = max(BATCH, round(share * part.cells))
+            count = max(BATCH, round(share * part.pairs))
             measure(plan, part, 1, rng, threads=1)  # For the compiler.
             run, seconds, _ = measure(plan, part, count, rng, threads=available_cores())
             minutes = seconds / run * part.simulations / 60

@@ -56,8 +56,8 @@ class Part:
     simulations: int
 
     @property
-    def cells(self) -> int:
-        """Number of settings in scenes."""
+    def pairs(self) -> int:
+        """Number of pairs of a setting and a scene."""
         return sum(span.stop - span.start for span in self.spans)
 
 
@@ -97,9 +97,9 @@ def measure(
     picks = np.sort(rng.choice(int(ends[-1]), min(count, int(ends[-1])), replace=False))
     which = np.searchsorted(ends, picks, side="right")
     spans = []
-    for pick, place in zip(picks, which, strict=True):
-        scene = part.spans[place].start + int(pick - (ends[place] - sizes[place]))
-        spans.append(Span(part.spans[place].setting, scene, scene + 1))
+    for pick, member in zip(picks, which, strict=True):
+        scene = part.spans[member].start + int(pick - (ends[member] - sizes[member]))
+        spans.append(Span(part.spans[member].setting, scene, scene + 1))
     expected, simulations = plan.work_in(spans)
     task = task_of(plan, Shard("", 0, tuple(spans), expected, simulations), Path())
     start = time.perf_counter()
@@ -235,7 +235,7 @@ def _factor(group: Group, factors: dict[Group, float]) -> float:
 def _sample_size(part: Part) -> int:
     """Settings in scenes to try: a full set of the engine's lanes, or two where it has none."""
     least = LANES if part.group[1] <= ALL_PAIRS_LIMIT else 2
-    return int(np.clip(_SAMPLE_SECONDS * part.cells / part.seconds, least, _LARGEST_SAMPLE))
+    return int(np.clip(_SAMPLE_SECONDS * part.pairs / part.seconds, least, _LARGEST_SAMPLE))
 
 
 def in_words(group: Group) -> str:

@@ -275,20 +275,20 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
     parts = [
         (kinds.index(kind), kinds.index(kind) + kinds.count(kind)) for kind in dict.fromkeys(kinds)
     ]
-    places: dict[Setting, set[tuple[int, int]]] = {}
+    parts_of: dict[Setting, set[tuple[int, int]]] = {}
     wanted: list[tuple[GridPoint, str, list[Setting], tuple[int, int]]] = []
     for point in grid.points():
         for part in parts:
             needed, liquid = _needed(point, ordered[part[0]], grid.own)
             for setting in needed:
-                places.setdefault(setting, set()).add(part)
+                parts_of.setdefault(setting, set()).add(part)
             wanted.append((point, liquid, needed, part))
-    settings = tuple(sorted(places, key=lambda setting: setting.order))
-    number = {setting: place for place, setting in enumerate(settings)}
+    settings = tuple(sorted(parts_of, key=lambda setting: setting.order))
+    number = {setting: k for k, setting in enumerate(settings)}
     rows = [
         Row(k, *part, setting.seconds(ordered[part[0]]), setting.simulations(ordered[part[0]]))
         for k, setting in enumerate(settings)
-        for part in sorted(places[setting])
+        for part in sorted(parts_of[setting])
     ]
     answers = (
         Answer(point, liquid, tuple(number[setting] for setting in needed), *part)

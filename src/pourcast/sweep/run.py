@@ -139,10 +139,10 @@ def run_sweep(
 
 def _repaired(plan: Plan, store: Store, shards: Sequence[Shard] | None = None) -> Survey:
     """What is left, after damaged files have been removed."""
-    found = survey(plan, store, shards)
-    for damage in found.damaged:
+    state = survey(plan, store, shards)
+    for damage in state.damaged:
         store.discard(damage)
-    return found
+    return state
 
 
 def _drive(

@@ -68,11 +68,11 @@ def task_of(plan: Plan, shard: Shard, store: Path) -> ShardTask:
     """A shard with only those settings and scenes that occur in it."""
     settings = sorted({span.setting for span in shard.spans})
     scenes = sorted({k for span in shard.spans for k in range(span.start, span.stop)})
-    setting_place = dict(zip(settings, count(), strict=False))
-    scene_place = dict(zip(scenes, count(), strict=False))
+    setting_index = dict(zip(settings, count(), strict=False))
+    scene_index = dict(zip(scenes, count(), strict=False))
     # A span's scenes are all in `scenes`, hence still side by side.
     spans = tuple(
-        Span(setting_place[setting], scene_place[start], scene_place[stop - 1] + 1)
+        Span(setting_index[setting], scene_index[start], scene_index[stop - 1] + 1)
         for setting, start, stop in shard.spans
     )
     return ShardTask(
@@ -171,12 +171,12 @@ def compute(
 
 
 def _rows(task: ShardTask) -> Iterator[_Row]:
-    for setting_place, start, stop in task.shard.spans:
-        setting = task.settings[setting_place]
-        for place in range(start, stop):
-            pours = setting.pours_in(task.scenes[place])
+    for setting_index, start, stop in task.shard.spans:
+        setting = task.settings[setting_index]
+        for scene in range(start, stop):
+            pours = setting.pours_in(task.scenes[scene])
             for draw, pour in enumerate(pours or [None]):
-                yield _Row(place, setting_place, draw, pour)
+                yield _Row(scene, setting_index, draw, pour)
 
 
 def _judgments(
@@ -187,15 +187,15 @@ def _judgments(
     for row in rows:
         if row.pour is None:
             asked.setdefault(row.setting, []).append(row.scene)
-    found = {}
-    for place, members in asked.items():
-        setting = task.settings[place]
+    values_of = {}
+    for index, members in asked.items():
+        setting = task.settings[index]
         assert isinstance(setting, JudgeSetting)
         scenes = [task.scenes[k] for k in members]
         values = setting.model.judge(scenes, setting.liquid, setting.seed)
-        found.update({(place, k): float(v) for k, v in zip(members, values, strict=True)})
+        values_of.update({(index, k): float(v) for k, v in zip(members, values, strict=True)})
         on_done(len(members))
-    return found
+    return values_of
 
 
 def _table(

@@ -39,20 +39,20 @@ def status_of(plan: Plan, store: Store) -> Status:
     store
         What there is.
     """
-    found = survey(plan, store)
-    left = {shard.id for shard in found.left}
-    times = [path.stat().st_mtime for path in found.files.values() if path.exists()]
+    state = survey(plan, store)
+    left = {shard.id for shard in state.left}
+    times = [path.stat().st_mtime for path in state.files.values() if path.exists()]
     last = datetime.fromtimestamp(max(times), UTC).isoformat(" ", "seconds") if times else None
     return Status(
         grid=plan.grid.name,
         shards=len(plan.shards),
-        done_shards=len(plan.shards) - len(found.left),
+        done_shards=len(plan.shards) - len(state.left),
         simulations=plan.simulations,
-        done_simulations=plan.simulations - found.simulations,
+        done_simulations=plan.simulations - state.simulations,
         running=len(left & set(store.locks_held())),
         last_written=last,
         failures=tuple(store.failures(left)),
-        damaged=found.damaged,
+        damaged=state.damaged,
     )
 
 

@@ -119,12 +119,12 @@ class Store:
 
     def paths(self) -> dict[str, Path]:
         """Files of all shards, by the shard's id; not looked into."""
-        found: dict[str, Path] = {}
+        files: dict[str, Path] = {}
         with suppress(FileNotFoundError):
             for folder in _entries(self.shards):
                 if folder.is_dir():
-                    found.update(_files(_entries(Path(folder.path)), ".parquet"))
-        return found
+                    files.update(_files(_entries(Path(folder.path)), ".parquet"))
+        return files
 
     def path_of(self, shard: str) -> Path | None:
         """File of one shard, if it is there; not looked into."""
@@ -141,11 +141,14 @@ class Store:
 
     def damaged(self, paths: dict[str, Path]) -> list[Damage]:
         """Files among these, or of their trajectories, whose checksum is wrong."""
-        found = self.trajectory_paths()
-        files = [*paths.items(), *((shard, found[shard]) for shard in found.keys() & paths.keys())]
+        trajectories = self.trajectory_paths()
+        files = [
+            *paths.items(),
+            *((shard, trajectories[shard]) for shard in trajectories.keys() & paths.keys()),
+        ]
         batches = (files[k : k + _READ_AT_ONCE] for k in range(0, len(files), _READ_AT_ONCE))
         with ThreadPoolExecutor(_READERS) as pool:
-            return [damage for found in pool.map(_damaged, batches) for damage in found]
+            return [damage for batch in pool.map(_damaged, batches) for damage in batch]
 
     def discard(self, damage: Damage) -> None:
         """Remove a damaged file, and its shard's table, so that the shard is done again."""
@@ -237,12 +240,12 @@ class Store:
     def failures(self, shards: Iterable[str]) -> list[Failure]:
         """Failures of these shards."""
         wanted = set(shards)
-        found = []
+        failures = []
         for path in sorted(self._failures.glob("*.json")):
             if path.stem in wanted:
                 with suppress(OSError, ValueError, TypeError):
-                    found.append(Failure(**json.loads(path.read_text(encoding="utf-8"))))
-        return found
+                    failures.append(Failure(**json.loads(path.read_text(encoding="utf-8"))))
+        return failures
 
 
 def named_by_content(shard: str, suffix: str) -> Callable[[Path], str]:

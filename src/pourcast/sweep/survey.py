@@ -128,19 +128,19 @@ class PlannedRows:
 
         A row whose code has changed since is not wanted.
         """
-        settings = places(table["setting"], self._settings)
-        scenes = places(table["scene"], self._scenes)
-        versions = places(table["engine"], self._versions)
+        settings = indices_of(table["setting"], self._settings)
+        scenes = indices_of(table["scene"], self._scenes)
+        versions = indices_of(table["engine"], self._versions)
         expected = self._of_settings[settings] + self._of_scenes[scenes]
         return settings, scenes, (settings >= 0) & (scenes >= 0) & (versions == expected)
 
 
-def places(column: pa.ChunkedArray, known: dict[str, int]) -> NDArray[np.int64]:
+def indices_of(column: pa.ChunkedArray, known: dict[str, int]) -> NDArray[np.int64]:
     """Numbers of a dictionary column's values; -1 for what is not known."""
-    found: list[NDArray[np.int64]] = [
+    parts: list[NDArray[np.int64]] = [
         np.array([known.get(name, -1) for name in chunk.dictionary.to_pylist()], np.int64)[
             chunk.indices.to_numpy()
         ]
         for chunk in column.chunks
     ]
-    return np.concatenate([np.empty(0, np.int64), *found])
+    return np.concatenate([np.empty(0, np.int64), *parts])

@@ -38,11 +38,11 @@ def gather(plan: Plan, store: Store, files: Iterable[Path]) -> pd.DataFrame:
         `judgments.predict`, then one per parameter (``model_`` before the name if it
         is taken). A judgment whose simulations are not all there is missing.
     """
-    values = simulated(plan, store, files)
-    return judged(plan, values)
+    values = setting_judgments(plan, store, files)
+    return judgment_table(plan, values)
 
 
-def simulated(plan: Plan, store: Store, files: Iterable[Path]) -> NDArray[np.float64]:
+def setting_judgments(plan: Plan, store: Store, files: Iterable[Path]) -> NDArray[np.float64]:
     """Judgment of each setting in each scene, shape [settings, scenes]; NaN where none is known."""
     values = np.full((len(plan.settings), len(plan.scenes)), np.nan)
     rows = PlannedRows(plan)
@@ -50,7 +50,7 @@ def simulated(plan: Plan, store: Store, files: Iterable[Path]) -> NDArray[np.flo
         table = store.read(path)
         if table is not None:
             first, judgments = _over_draws(table)
-            settings, scenes, wanted = (found[first] for found in rows.find(table))
+            settings, scenes, wanted = (column[first] for column in rows.find(table))
             values[settings[wanted], scenes[wanted]] = judgments[wanted]
     return values
 
@@ -67,10 +67,10 @@ def _over_draws(table: pa.Table) -> tuple[NDArray[np.int64], NDArray[np.float64]
     return first, means
 
 
-def judged(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
+def judgment_table(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
     """Table of judgments from the settings'; see `gather`."""
-    place = {name: k for k, name in enumerate(plan.scene_digests)}
-    listed = np.array([place[scene.digest] for scene in plan.listed])
+    index = {name: k for k, name in enumerate(plan.scene_digests)}
+    listed = np.array([index[scene.digest] for scene in plan.listed])
     ids = np.array([scene.id for scene in plan.listed], dtype=object)
     digests = np.array(plan.scene_digests, dtype=object)[listed]
     members = [np.flatnonzero((listed >= a.start) & (listed < a.stop)) for a in plan.answers]
@@ -120,7 +120,7 @@ def _mean(
 
 
 def write_judgments(folder: Path, name: str, table: pd.DataFrame) -> Path:
-    """Write a grid's table; one that lacks judgments never takes the place of a whole one.
+    """Write a grid's table; one that lacks judgments never takes the index of a whole one.
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ class TaskResult:
 def told(error: Exception) -> str:
     """What an error says, and where it was raised, in one line."""
     where = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"{Path(where.filename).name}, line {where.lineno}"
-    return f"{type(error).__name__}: {error} ({place})"
+    line = f"{Path(where.filename).name}, line {where.lineno}"
+    return f"{type(error).__name__}: {error} ({line})"
 
 
 class Task(Protocol):

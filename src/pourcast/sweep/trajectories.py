@@ -55,9 +55,9 @@ def write_trajectories(
         for first in range(0, len(frames), together):
             batch = frames[first : first + together]
             block = np.full((len(batch), *size), np.nan, np.float32)
-            for place, frame in enumerate(batch):
+            for row, frame in enumerate(batch):
                 if frame is not None:
-                    block[place, : len(frame), : frame.shape[1]] = frame
+                    block[row, : len(frame), : frame.shape[1]] = frame
             array[first : first + together] = block
 
 

@@ -15,7 +15,7 @@ from pourcast.scenes.scene_file import read_scenes, write_scenes
 from pourcast.study.experiments.base import Experiment
 from pourcast.study.experiments.registry import EXPERIMENTS
 from pourcast.study.selection import SceneFamily, drawn_scene, filtered_scenes
-from pourcast.sweep.judged import judge_in_study, sweep_words
+from pourcast.sweep.judgments import judge_in_study, sweep_words
 
 PIECE = 250
 """Scenes in a file; what is drawn is kept in pieces, so that little is lost."""

@@ -19,7 +19,7 @@ from pourcast.pictures.style import (
     new_figure,
 )
 from pourcast.scenes.liquids.registry import WATER
-from pourcast.sweep.judged import OWN_ALPHA
+from pourcast.sweep.judgments import OWN_ALPHA
 
 PAPER_COUNT = 50
 

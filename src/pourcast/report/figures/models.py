@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.comparison.agreement import Compared, short_liquid
+from pourcast.comparison.agreement import PeopleAndModels, short_liquid
 from pourcast.models.registry import family_of, name_of
 from pourcast.pictures.style import COLUMN, GREY, PAGE, RC, new_figure
 from pourcast.scenes.liquids.base import Liquid
@@ -67,7 +67,7 @@ def _resampled_words(resampled: str) -> str:
     return "participants and scenes" if resampled == "both" else resampled
 
 
-def scatter(compared: Compared, models: Sequence[str], own: Sequence[Liquid] = ()) -> Figure:
+def scatter(compared: PeopleAndModels, models: Sequence[str], own: Sequence[Liquid] = ()) -> Figure:
     """People's mean judgments against some models', a panel a model.
 
     Parameters
@@ -97,7 +97,7 @@ def scatter(compared: Compared, models: Sequence[str], own: Sequence[Liquid] = (
     return figure
 
 
-def best_of_each_family(compared: Compared, most: int = 4) -> list[str]:
+def best_of_each_family(compared: PeopleAndModels, most: int = 4) -> list[str]:
     """The best-correlated model of each family, best first."""
     people = mean_judgments(compared.trials.responses)
     r = pd.Series(pearson(people, compared.judgments), index=compared.names)

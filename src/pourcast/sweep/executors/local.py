@@ -18,8 +18,8 @@ _SLOTS = 4096
 
 _counters: Any = None
 """Shared memory for what was done: a pair (simulations, rough work [s]) for each worker,
-at a place by its process number. Nobody waits for a lock: a worker that is killed would
-take it to its grave. Should two share a place, the bar is off a little, and nothing else."""
+at an index by its process number. Nobody waits for a lock: a worker that is killed would
+take it to its grave. Should two share one, the bar is off a little, and nothing else."""
 
 
 class LocalExecutor:
@@ -83,6 +83,6 @@ def _work(packed: bytes) -> TaskResult:
 
 
 def _count(simulations: int, seconds: float) -> None:
-    place = 2 * (os.getpid() % _SLOTS)
-    _counters[place] += simulations
-    _counters[place + 1] += seconds
+    index = 2 * (os.getpid() % _SLOTS)
+    _counters[index] += simulations
+    _counters[index + 1] += seconds

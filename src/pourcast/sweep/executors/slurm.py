@@ -106,10 +106,10 @@ def run_tasks(tasks: list[Task]) -> list[TaskResult]:
 def _results(job: Any, tasks: list[Task]) -> list[TaskResult]:
     error = job.exception()
     if error is None:
-        found: list[TaskResult] = job.result()
+        results: list[TaskResult] = job.result()
         job.paths.submitted_pickle.unlink(missing_ok=True)
         job.paths.result_pickle.unlink(missing_ok=True)
-        return found
+        return results
     return _lost(job, tasks, _last_line(str(error)))
 
 

@@ -34,7 +34,7 @@ from pourcast.tables import (
 
 Array = NDArray[np.float64]
 
-Request = tuple[str, str]
+LiquidAndModel = tuple[str, str]
 """Liquid of the trials, and spec of a model."""
 
 SMALL_WORK = 3.0
@@ -49,7 +49,7 @@ OWN_ALPHA = "own"
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judgments:
     """Judgments of models, one row a model, its parameters and the liquid of the trials.
 
     Parameters
@@ -58,7 +58,7 @@ class Judged:
         The study's scenes.
     rows
         `liquid`, `family`, `parameters` (JSON), and a column for each parameter, as numbers;
-        `head` for the liquid in the model's head.
+        `imagined` for the liquid in the model's head.
     judgments
         Shape [row_count, scene_count]; NaN where none is known.
     own
@@ -87,14 +87,14 @@ class Judged:
         """A model's judgments as far as they are known, NaN elsewhere; None if none is."""
         wanted = json.dumps(make_model(spec, self.own).parameters())
         same = (self.rows["liquid"] == liquid) & (self.rows["parameters"] == wanted)
-        places = np.flatnonzero(same & (self.rows["family"] == family_of(name_of(spec))))
-        return self.judgments[places[0]] if len(places) else None
+        matches = np.flatnonzero(same & (self.rows["family"] == family_of(name_of(spec))))
+        return self.judgments[matches[0]] if len(matches) else None
 
-    def on(self, scenes: Sequence[Scene]) -> "Judged":
+    def on(self, scenes: Sequence[Scene]) -> "Judgments":
         """Only the judgments of some scenes."""
-        place = {scene.id: k for k, scene in enumerate(self.scenes)}
-        chosen = [place[scene.id] for scene in scenes]
-        return Judged(tuple(scenes), self.rows, self.judgments[:, chosen], self.own)
+        index = {scene.id: k for k, scene in enumerate(self.scenes)}
+        chosen = [index[scene.id] for scene in scenes]
+        return Judgments(tuple(scenes), self.rows, self.judgments[:, chosen], self.own)
 
     def on_trials(self, liquid: str, **values: Any) -> NDArray[np.int64]:
         """Rows of models that judge trials with a liquid, with these values; see `where`.
@@ -131,9 +131,9 @@ def _follows_trial(family: str, parameters: Mapping[str, Any]) -> bool:
         return True
 
 
-def judged_from(
+def judgments_of(
     tables: Iterable[pd.DataFrame], scenes: Sequence[Scene], own: tuple[Liquid, ...] = ()
-) -> Judged:
+) -> Judgments:
     """Put tables of judgments together; the first seed of each model counts.
 
     Parameters
@@ -144,12 +144,12 @@ def judged_from(
         The study's scenes; judgments of any others are left out.
     """
     parts = [table[COLUMNS] for table in tables]
-    place = {scene.digest: k for k, scene in enumerate(scenes)}
-    empty = pd.DataFrame(columns=["liquid", "family", "parameters", "head"])
+    index = {scene.digest: k for k, scene in enumerate(scenes)}
+    empty = pd.DataFrame(columns=["liquid", "family", "parameters", "imagined"])
     if not parts:
-        return Judged(tuple(scenes), empty, np.empty((0, len(scenes))), own)
+        return Judgments(tuple(scenes), empty, np.empty((0, len(scenes))), own)
     table = pd.concat(parts, ignore_index=True)
-    table = table[table["digest"].isin(place)].sort_values("seed", kind="stable")
+    table = table[table["digest"].isin(index)].sort_values("seed", kind="stable")
     names = {name: family_of(name) for name in table["model"].unique()}
     table["family"] = table["model"].map(names)
     keys = ["liquid", "family", "parameters"]
@@ -158,23 +158,25 @@ def judged_from(
     number = grouped.ngroup().to_numpy()
     rows = table[~table.duplicated(keys)][keys].reset_index(drop=True)
     judgments = np.full((len(rows), len(scenes)), np.nan)
-    judgments[number, table["digest"].map(place).to_numpy(int)] = table["judgment"]
+    judgments[number, table["digest"].map(index).to_numpy(int)] = table["judgment"]
     parameters = pd.DataFrame([columns_of(json.loads(text)) for text in rows["parameters"]])
     same = {scene.digest: k for k, scene in enumerate(scenes)}
     twins = [same[scene.digest] for scene in scenes]
     labelled = pd.concat([rows, parameters], axis=1)
-    return Judged(tuple(scenes), labelled, judgments[:, twins], own)
+    return Judgments(tuple(scenes), labelled, judgments[:, twins], own)
 
 
 def columns_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """A model's parameters by the names and values that they have in `Judged.rows`."""
-    named = {("head" if name == "liquid" else name): value for name, value in parameters.items()}
+    """A model's parameters by the names and values that they have in `Judgments.rows`."""
+    named = dict(parameters)
+    if "liquid" in named:
+        named["imagined"] = named.pop("liquid")
     if named.get("viscosity_alpha", 0.0) is None:
         named["viscosity_alpha"] = OWN_ALPHA
     return named
 
 
-def read_judged(study: Path, scenes: Sequence[Scene]) -> Judged:
+def study_judgments(study: Path, scenes: Sequence[Scene]) -> Judgments:
     """All judgments in a study's tables; tables with gaps are left alone.
 
     Raises
@@ -188,7 +190,7 @@ def read_judged(study: Path, scenes: Sequence[Scene]) -> Judged:
         for path in paths
         if path.suffix in TABLE_SUFFIXES and not path.stem.endswith("-incomplete")
     ]
-    return judged_from(tables, scenes, study_liquids(study))
+    return judgments_of(tables, scenes, study_liquids(study))
 
 
 def read_judgments(path: Path) -> pd.DataFrame:
@@ -223,12 +225,12 @@ def _is_json_object(text: str) -> bool:
 def judge_in_study(
     study: Path,
     scenes: Sequence[Scene],
-    requests: Sequence[Request],
+    requests: Sequence[LiquidAndModel],
     name: str,
     *,
     workers: int | None = None,
     report: SweepReport = no_sweep_report,
-) -> dict[Request, Array]:
+) -> dict[LiquidAndModel, Array]:
     """Judgments of models; simulations go through the study's store, and none is done twice.
 
     Parameters
@@ -260,16 +262,16 @@ def judge_in_study(
     result = sweep_in_study(study, scenes, grid, workers=workers, report=report)
     if result.failures:
         raise StoreError(f"{study}: {result.failures[0].message}")
-    judged = judged_from([result.table], scenes, own)
+    judged = judgments_of([result.table], scenes, own)
     kinds = {scene.goal.kind: scene for scene in scenes}.values()
-    found: dict[Request, Array] = {}
+    answers: dict[LiquidAndModel, Array] = {}
     for liquid, spec in requests:
         answer = np.full(len(scenes), np.nan)
         for name_there in {resolve_liquid(liquid, scene, own).name for scene in kinds}:
             row = judged.row(name_there, spec)
             answer = answer if row is None else np.where(np.isnan(row), answer, row)
-        found[liquid, spec] = answer
-    return found
+        answers[liquid, spec] = answer
+    return answers
 
 
 def sweep_in_study(
@@ -292,7 +294,7 @@ def sweep_in_study(
 
 
 def grid_of(
-    requests: Sequence[Request], scene: Scene, name: str, own: Sequence[Liquid] = ()
+    requests: Sequence[LiquidAndModel], scene: Scene, name: str, own: Sequence[Liquid] = ()
 ) -> Grid:
     """A grid that asks for some models.
 

@@ -9,8 +9,8 @@ from pourcast.errors import InputError
 from pourcast.models.base import Model, parameter
 from pourcast.models.registry import MODELS
 from pourcast.prediction import predict
-from pourcast.sweep import judged
-from pourcast.sweep.judged import judge_in_study
+from pourcast.sweep import judgments
+from pourcast.sweep.judgments import judge_in_study
 from pourcast.sweep.store import Store
 from tests.make import random_scenes
 
@@ -20,13 +20,13 @@ ASKED = [("water", "gravity"), ("honey", "ife:n_particles=15,zeta_sigma=1")]
 @pytest.fixture
 def opened(monkeypatch):
     """Numbers of workers of the executors that were opened."""
-    numbers, make = [], judged.make_executor
+    numbers, make = [], judgments.make_executor
 
     def noted(kind, workers, *arguments):
         numbers.append(workers)
         return make(kind, workers, *arguments)
 
-    monkeypatch.setattr(judged, "make_executor", noted)
+    monkeypatch.setattr(judgments, "make_executor", noted)
     return numbers
 
 
@@ -51,7 +51,7 @@ def test_small_work_needs_no_other_process_and_is_kept_all_the_same(tmp_path, op
 
 def test_an_interrupted_small_study_goes_on_where_it_was(tmp_path, monkeypatch):
     scenes, shards = random_scenes(3, seed=4), []
-    run = judged.run_sweep
+    run = judgments.run_sweep
 
     class Interrupted:
         def __call__(self, now):
@@ -65,7 +65,7 @@ def test_an_interrupted_small_study_goes_on_where_it_was(tmp_path, monkeypatch):
     assert len(kept) == 1
     results = []
     monkeypatch.setattr(
-        judged, "run_sweep", lambda *a, **k: results.append(run(*a, **k)) or results[0]
+        judgments, "run_sweep", lambda *a, **k: results.append(run(*a, **k)) or results[0]
     )
     judge_in_study(tmp_path, scenes, ASKED, "mine")
     assert results[0].reused_shards == 1
@@ -73,7 +73,7 @@ def test_an_interrupted_small_study_goes_on_where_it_was(tmp_path, monkeypatch):
 
 
 def test_larger_work_is_shared_among_processes(tmp_path, opened, monkeypatch):
-    monkeypatch.setattr(judged, "SMALL_WORK", 1e-6)
+    monkeypatch.setattr(judgments, "SMALL_WORK", 1e-6)
     scenes = random_scenes(2, seed=4)
     found = judge_in_study(tmp_path, scenes, ASKED[:1], "mine", workers=1)
     assert opened == [1]
