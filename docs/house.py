@@ -15,6 +15,9 @@ import grimp
 APART = ("networks.training",)
 """Rooms in rooms that stand elsewhere in the house."""
 
+GROUND = ("errors", "extras", "files", "frozen", "progress", "registry", "tables")
+"""Single files that everybody may use: the ground floor."""
+
 
 def room_of(module: str) -> str:
     """The room that a module stands in; empty for the package itself."""
@@ -22,7 +25,10 @@ def room_of(module: str) -> str:
     for room in APART:
         if name == room or name.startswith(f"{room}."):
             return room
-    return name.partition(".")[0]
+    top = name.partition(".")[0]
+    if top in GROUND:
+        return "ground floor"
+    return "" if top == "__main__" else top
 
 
 def arrows() -> dict[str, set[str]]:
@@ -55,11 +61,15 @@ def drawing() -> str:
     kept = reduced(arrows())
     lines = ["flowchart TD"]
     lines += [
-        f"    {room.replace('.', '_')}[{room.replace('.', '/')}] --> {other.replace('.', '_')}"
+        f"    {_node(room)} --> {_node(other)}"
         for room in sorted(kept)
         for other in sorted(kept[room])
     ]
     return "\n".join(lines) + "\n"
+
+
+def _node(room: str) -> str:
+    return f"{room.replace('.', '_').replace(' ', '_')}[{room.replace('.', '/')}]"
 
 
 if __name__ == "__main__":

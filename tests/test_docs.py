@@ -3,18 +3,23 @@
 import re
 import shlex
 import shutil
+import subprocess
+import sys
+import tomllib
 import urllib.request
 from pathlib import Path
 
 import pytest
 
 from pourcast import cli
+from pourcast.scenes.liquids.registry import liquid_from
 from tests.experiment.server_process import ServerProcess
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 COMMANDS = (
-    "demo", "scenes", "new", "predict", "show", "import", "export", "sweep", "models", "bench",
+    "demo", "scenes", "new", "predict", "show", "import", "export", "sweep", "models", "list", "bench",
     "experiment simulate", "experiment serve", "experiment status", "experiment data",
     "experiment export", "stimuli", "convnet train", "convnet show", "compare", "report", "reproduce", "recover", "power",
 )  # fmt: skip
@@ -65,7 +70,9 @@ def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
                 assert line.startswith("python3 -m venv"), f"{line!r} is run by no test"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "page", [*PAGES, CONTRIBUTING], ids=lambda page: str(page.relative_to(ROOT))
+)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
         if "://" not in target:
@@ -90,3 +97,21 @@ def test_the_scene_of_the_reference_is_the_example():
     page = ROOT / "docs" / "reference" / "scene-file.md"
     text = next(text for language, text in snippets(page) if language == "json")
     assert parse_scenes(text, "page") == read_scenes(ROOT / "examples" / "ramp.json")
+
+
+def test_the_files_that_are_shown_to_contributors_work():
+    names = {"__name__": "shown"}
+    kinds = [language for language, _ in snippets(CONTRIBUTING)]
+    assert kinds.count("python") == 6  # model, family, goal, experiment, statistic, figure
+    for language, text in snippets(CONTRIBUTING):
+        if language == "python":
+            exec(compile(text, str(CONTRIBUTING), "exec"), names)
+        if language == "toml":
+            assert liquid_from("shown", tomllib.loads(text), "CONTRIBUTING.md").film_seconds == 5.0
+
+
+def test_the_drawing_of_the_house_is_that_of_its_imports():
+    drawn = subprocess.run(
+        [sys.executable, ROOT / "docs" / "house.py"], check=True, capture_output=True, text=True
+    ).stdout
+    assert drawn == next(text for kind, text in snippets(CONTRIBUTING) if kind == "mermaid")
