@@ -75,10 +75,18 @@ class PeopleAndModels:
         People's responses.
     models
         Model's name -> judgments, shape [scene_count].
+    truth_name
+        Name of the ground truth of these trials, by default the paper's for the liquid.
     """
 
     trials: Trials
     models: Mapping[str, Array]
+    truth_name: str = ""
+
+    @property
+    def truth(self) -> Array | None:
+        """Judgments of the ground truth, if it is among the models; shape [scene_count]."""
+        return self.models.get(self.truth_name or f"truth-{called(self.trials.liquid)}")
 
     @property
     def names(self) -> list[str]:
@@ -89,17 +97,6 @@ class PeopleAndModels:
     def judgments(self) -> Array:
         """Shape [model_count, scene_count]."""
         return np.stack(list(self.models.values()))
-
-
-def short_liquid(liquid: str) -> str:
-    """``honey`` for the honey of either experiment.
-
-    Examples
-    --------
-    >>> short_liquid("honey-exp1")
-    'honey'
-    """
-    return called(liquid)
 
 
 _STREAMS: dict[Resampled, int] = {"participants": 0, "scenes": 1, "both": 2}
@@ -306,12 +303,11 @@ def individuals(compared: Sequence[PeopleAndModels], settings: Settings) -> Indi
     """
     tables, against = [], {}
     for number, one in enumerate(compared):
-        truth = one.models.get(f"truth-{short_liquid(one.trials.liquid)}")
-        if truth is None:
+        if one.truth is None:
             continue
         responses = one.trials.responses
         try:
-            result = against_null(responses, truth, settings.rng(5, number))
+            result = against_null(responses, one.truth, settings.rng(5, number))
         except ValueError:
             continue
         against[one.trials.liquid] = result

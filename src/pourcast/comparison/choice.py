@@ -16,9 +16,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pourcast.comparison.agreement import PeopleAndModels, Settings, short_liquid
+from pourcast.comparison.agreement import PeopleAndModels, Settings
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
+from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.bootstrap import Resamples, interval, random_halves, resample, tails
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.statistics.fit import flat, profile, tied
@@ -114,7 +115,7 @@ def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candida
     trials
         People's responses.
     """
-    by_liquid = {short_liquid(one.liquid): one for one in trials}
+    by_liquid = {called(one.liquid): one for one in trials}
     sets = {}
     for name, (liquid, fixed, axes, _) in FITTED.items():
         if liquid not in by_liquid:
@@ -403,7 +404,7 @@ def carried_table(
     for one in compared:
         drawn = _resamples(one.trials, settings)
         for name, spec, r_there in zip(choice["model"], choice["spec"], choice["r"], strict=True):
-            if spec not in one.models or FITTED[name].liquid != short_liquid(one.trials.liquid):
+            if spec not in one.models or FITTED[name].liquid != called(one.trials.liquid):
                 continue
             model = one.models[spec][None]
             low, high = interval(pearson(drawn.means, model, drawn.weights)[:, 0], settings.level)

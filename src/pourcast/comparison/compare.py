@@ -8,16 +8,17 @@ from pathlib import Path
 import pandas as pd
 
 from pourcast.comparison import agreement, choice, stimulus, window
-from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings, short_liquid
+from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
 from pourcast.models.registry import complete_presets, labels_of, make_model
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import called
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
-from pourcast.study.experiments.base import Experiment
+from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import Exclusion, arrange, exclude, remarks
 from pourcast.sweep.judgments import Judgments, judge_in_study, study_judgments, sweep_words
@@ -169,14 +170,12 @@ def compare_study(
     specs = [spec for spec in asked if spec != stimulus.NAME]
     carried = [] if options.carried is None else list(options.carried["spec"])
     wanted = [
-        (short_liquid(one.liquid), spec)
-        for one in trials
-        for spec in dict.fromkeys([*specs, *carried])
+        (called(one.liquid), spec) for one in trials for spec in dict.fromkeys([*specs, *carried])
     ]
     judgments = judge_in_study(
         study, scenes, wanted, "compare", report=sweep_words(report, "judging")
     )
-    for liquid in {short_liquid(one.liquid) for one in trials}:
+    for liquid in {called(one.liquid) for one in trials}:
         if len(specs) < len(asked):
             judgments[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
         elif (
@@ -192,12 +191,13 @@ def compare_study(
             PeopleAndModels(
                 one,
                 {
-                    labels[spec]: judgments[short_liquid(one.liquid), spec][
+                    labels[spec]: judgments[called(one.liquid), spec][
                         [index[s.id] for s in one.scenes]
                     ]
                     for spec in names
-                    if (short_liquid(one.liquid), spec) in judgments
+                    if (called(one.liquid), spec) in judgments
                 },
+                labels.get(truth_of(experiment, called(one.liquid)), ""),
             )
             for one in trials
         )

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.comparison.agreement import PeopleAndModels, short_liquid
+from pourcast.comparison.agreement import PeopleAndModels
 from pourcast.comparison.compare import Comparison
 from pourcast.comparison.recovery import (
     along,
@@ -21,6 +21,7 @@ from pourcast.errors import InputError
 from pourcast.pictures.show import show
 from pourcast.progress import Report
 from pourcast.report.figures import design, fits, models, people, scenes
+from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import mean_judgments
 from pourcast.statistics.observer import Population
 from pourcast.study.experiments.base import (
@@ -114,7 +115,7 @@ def figures(comparison: Comparison) -> Iterator[Shown]:
         yield drawn("against_null", "people", people.against_null(comparison.individuals, own))
     yield drawn("correlations", "models", models.correlations(tables["agreement"], experiment, own))
     for one in comparison.compared:
-        short = short_liquid(one.trials.liquid)
+        short = called(one.trials.liquid)
         best = models.best_of_each_family(one)
         yield drawn("best", "models", models.scatter(one, best, own), short)
         if len(one.models) > 1:
@@ -154,7 +155,7 @@ def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterat
 
 
 def _model_recovery(one: PeopleAndModels, common: dict[str, Any]) -> Shown:
-    short, count = short_liquid(one.trials.liquid), len(one.trials.participants)
+    short, count = called(one.trials.liquid), len(one.trials.participants)
     table = model_recovery_table(one.models, observers=count, **common)
     title = f"{short} trials: {count} participants, {len(one.trials.scenes)} scenes"
     return Shown(
@@ -164,7 +165,7 @@ def _model_recovery(one: PeopleAndModels, common: dict[str, Any]) -> Shown:
 
 
 def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterator[Shown]:
-    best, short = models.best_of_each_family(one, 2), short_liquid(one.trials.liquid)
+    best, short = models.best_of_each_family(one, 2), called(one.trials.liquid)
     if len(best) < 2:
         return
     table = power_table(
@@ -181,7 +182,7 @@ def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterat
 def _zeta_recovery(
     one: PeopleAndModels, comparison: Comparison, common: dict[str, Any]
 ) -> Iterator[Shown]:
-    short = short_liquid(one.trials.liquid)
+    short = called(one.trials.liquid)
     spec = observer_model(comparison.experiment, short)
     there = comparison.judged.on(one.trials.scenes)
     try:
@@ -220,9 +221,9 @@ def films(comparison: Comparison, folder: Path, count: int, tell: Report) -> lis
     wanted = list(_disagreements(comparison, count).items())[:count]
     for done, ((scene, liquid), (why, shown)) in enumerate(wanted):
         tell(f"filming {scene}", done, len(wanted))
-        path = folder / f"{scene}-{short_liquid(liquid)}.mp4"
+        path = folder / f"{scene}-{called(liquid)}.mp4"
         show(by_id[scene], path, shown, liquid)
-        made.append(Film(scene, short_liquid(liquid), why, shown, path))
+        made.append(Film(scene, called(liquid), why, shown, path))
     return made
 
 
@@ -234,7 +235,7 @@ def _disagreements(
     said = "simulated observers" if comparison.simulated else "people"
     each = -(-count // (2 * len(comparison.compared)))
     for one in comparison.compared:
-        short, liquid = short_liquid(one.trials.liquid), one.trials.liquid
+        short, liquid = called(one.trials.liquid), one.trials.liquid
         experiment = comparison.experiment
         ife, truth = observer_model(experiment, short), truth_of(experiment, short)
         if ife not in one.models or truth not in one.models:

@@ -6,9 +6,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pourcast
-from pourcast.comparison.agreement import short_liquid
 from pourcast.comparison.compare import Comparison
 from pourcast.files import finished_files
+from pourcast.scenes.liquids.registry import called
 from pourcast.simulation.run import engine_version
 
 LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "numba", "matplotlib")
@@ -42,7 +42,7 @@ def methods(comparison: Comparison) -> str:
 def _counts(comparison: Comparison) -> str:
     counts = [
         f"{len(one.trials.participants)} participants judged {len(one.trials.scenes)} scenes of "
-        f"{short_liquid(one.trials.liquid)}"
+        f"{called(one.trials.liquid)}"
         for one in comparison.compared
     ]
     return f"{'; '.join(counts)}."

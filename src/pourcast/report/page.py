@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from pourcast.comparison.agreement import short_liquid
 from pourcast.comparison.compare import TABLES, Comparison
 from pourcast.files import write_text
 from pourcast.pictures.style import save_figure
@@ -21,6 +20,7 @@ from pourcast.report import contents
 from pourcast.report.contents import Film, Shown
 from pourcast.report.display import readable
 from pourcast.report.methods import methods, provenance
+from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import mean_judgments
 from pourcast.study.experiments.base import Experiment, published_with_people
 from pourcast.tables import write_table
@@ -135,7 +135,7 @@ def data_uri(path: Path) -> str:
 def with_published(agreement: pd.DataFrame, experiment: Experiment | None) -> pd.DataFrame:
     """The agreement table with the published correlations beside, as far as there are any."""
     known = [
-        published_with_people(experiment, short_liquid(liquid)).get(model)
+        published_with_people(experiment, called(liquid)).get(model)
         for liquid, model in zip(agreement["liquid"], agreement["model"], strict=True)
     ]
     if not any(known):
@@ -172,7 +172,7 @@ def _explorable(comparison: Comparison) -> dict[str, Any]:
     return {
         "liquids": [
             {
-                "liquid": short_liquid(one.trials.liquid),
+                "liquid": called(one.trials.liquid),
                 "scenes": [scene.id for scene in one.trials.scenes],
                 "people": _rounded(mean_judgments(one.trials.responses)),
                 "models": {name: _rounded(values) for name, values in one.models.items()},

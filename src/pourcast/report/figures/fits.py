@@ -5,7 +5,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.comparison.agreement import short_liquid
 from pourcast.pictures.style import (
     BLUE,
     COLUMN,
@@ -18,7 +17,7 @@ from pourcast.pictures.style import (
     RED,
     new_figure,
 )
-from pourcast.scenes.liquids.registry import WATER
+from pourcast.scenes.liquids.registry import WATER, called
 from pourcast.sweep.judgments import OWN_ALPHA
 
 PAPER_COUNT = 50
@@ -54,7 +53,7 @@ def alpha_zeta(scores: pd.DataFrame) -> Figure:
             picture = axes.imshow(wide.to_numpy(), cmap="viridis", aspect="auto", origin="lower")
             row, column = np.unravel_index(np.nanargmax(wide.to_numpy()), wide.shape)
             axes.plot(column, row, "o", markerfacecolor="none", markeredgecolor="white")
-            axes.set(title=f"{short_liquid(liquid)} trials, N = {n_particles:g}")
+            axes.set(title=f"{called(liquid)} trials, N = {n_particles:g}")
             axes.set(xlabel="damping zeta [1/s]", ylabel="viscosity alpha")
             axes.set_yticks(range(len(wide)), [f"{value:g}" for value in wide.index])
             shown = range(0, wide.shape[1], 4)
@@ -97,7 +96,7 @@ def zeta_profiles(scores: pd.DataFrame, choice: pd.DataFrame) -> Figure:
                 colour = colours.get(str(row.model), GREY)
                 axes.plot(along["damping_zeta"], along["r"], color=colour, label=row.model)
                 axes.plot(row.damping_zeta, row.r, "o", color=colour, markersize=4)
-            axes.set(xlabel="damping zeta [1/s]", title=f"{short_liquid(liquid)} trials")
+            axes.set(xlabel="damping zeta [1/s]", title=f"{called(liquid)} trials")
             axes.legend(frameon=False)
         panels[0].set_ylabel("r with people's means")
     return figure

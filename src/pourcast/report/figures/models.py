@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.comparison.agreement import PeopleAndModels, short_liquid
+from pourcast.comparison.agreement import PeopleAndModels
 from pourcast.models.registry import family_of, name_of
 from pourcast.pictures.style import COLUMN, GREY, PAGE, RC, new_figure
 from pourcast.scenes.liquids.base import Liquid
-from pourcast.scenes.liquids.registry import colour_of
+from pourcast.scenes.liquids.registry import called, colour_of
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.study.experiments.base import Experiment, published_with_people
 
@@ -43,7 +43,7 @@ def correlations(
         figure = new_figure(PAGE if len(liquids) > 1 else COLUMN, 0.9 + 0.2 * len(models))
         for axes, liquid in zip(_panels(figure, len(liquids), sharey=True), liquids, strict=True):
             rows = agreement[agreement["liquid"] == liquid].set_index("model").loc[models]
-            short, places = short_liquid(liquid), np.arange(len(models))
+            short, places = called(liquid), np.arange(len(models))
             axes.barh(places, rows["r"], color=colour_of(short, own), height=0.7, alpha=0.85)
             axes.hlines(places, rows["r_low"], rows["r_high"], color="black", linewidth=1)
             known = published_with_people(experiment, short)
@@ -82,7 +82,7 @@ def scatter(compared: PeopleAndModels, models: Sequence[str], own: Sequence[Liqu
     people = mean_judgments(compared.trials.responses)
     with mpl.rc_context(RC):
         figure = new_figure(PAGE, 0.55 + PAGE / len(models) * 0.95)
-        short = short_liquid(compared.trials.liquid)
+        short = called(compared.trials.liquid)
         for axes, model in zip(_panels(figure, len(models), sharey=True), models, strict=True):
             judgments = compared.models[model]
             axes.plot([0, 1], [0, 1], color=GREY, linewidth=0.7, linestyle=":")
@@ -141,7 +141,7 @@ def differences(table: pd.DataFrame, liquid: str) -> Figure:
         axes.set_xticklabels(models, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticklabels(models)
         axes.set_title(
-            f"{short_liquid(liquid)} trials: r of the row's model minus r of the column's\n"
+            f"{called(liquid)} trials: r of the row's model minus r of the column's\n"
             f"* p < .05 for all pairs (Holm), {_resampled_words(rows['resampled'].iloc[0])} "
             "resampled"
         )

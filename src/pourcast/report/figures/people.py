@@ -6,10 +6,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from pourcast.comparison.agreement import Individuals, short_liquid
+from pourcast.comparison.agreement import Individuals
 from pourcast.pictures.style import COLUMN, GREY, PAGE, RC, new_figure
 from pourcast.scenes.liquids.base import Liquid
-from pourcast.scenes.liquids.registry import colour_of
+from pourcast.scenes.liquids.registry import called, colour_of
 
 
 def against_null(individuals: Individuals, own: Sequence[Liquid] = ()) -> Figure:
@@ -28,7 +28,7 @@ def against_null(individuals: Individuals, own: Sequence[Liquid] = ()) -> Figure
         panels = figure.subplots(1, len(liquids), squeeze=False, sharey=True)[0]
         edges = np.linspace(-1.0, 1.0, 41)
         for axes, liquid in zip(panels, liquids, strict=True):
-            found, short = individuals.against[liquid], short_liquid(liquid)
+            found, short = individuals.against[liquid], called(liquid)
             observed = found.observed[np.isfinite(found.observed)]
             for values, colour, label in (
                 (found.null, GREY, "chance (beta)"),
