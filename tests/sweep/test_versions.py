@@ -110,14 +110,19 @@ def third_party(tmp_path, monkeypatch):
     package = tmp_path / "somebody"
     package.mkdir()
     (package / "__init__.py").write_text("")
-    (package / "rule.py").write_text("def rule(scene):\n    return 0.25\n")
+    (package / "rule.py").write_text(
+        "from somebody import number\nfrom . import other_number\n"
+        "def rule(scene):\n    return 0.25 * number.ONE * other_number.ONE\n"
+    )
+    (package / "number.py").write_text("ONE = 1.0\n")
+    (package / "other_number.py").write_text("ONE = 1.0\n")
     (package / "other.py").write_text("")
     (package / "model.py").write_text(
         "from dataclasses import dataclass\n"
         "from typing import Any, ClassVar, Literal\n"
         "import numpy as np\n"
         "from pourcast import Cup, Model\n"
-        "from somebody.rule import rule\n"
+        "from .rule import rule\n"
         "@dataclass(frozen=True)\n"
         "class Ruled(Model):\n"
         "    def judge(self, scenes, liquid, seed=0, *, progress=None):\n"
@@ -151,6 +156,8 @@ def test_so_are_files_of_other_packages(third_party):
     edits = {
         "other.py": ("", "x = 1", set()),
         "rule.py": ("0.25", "0.5", {"model"}),
+        "number.py": ("1.0", "1.5", {"model"}),
+        "other_number.py": ("1.0", "1.5", {"model"}),
         "model.py": ("np.array(", "1.0 - np.array(", {"model"}),
         "goal.py": ("How much?", "What share?", set()),
     }

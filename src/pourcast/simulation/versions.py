@@ -83,7 +83,7 @@ def _imported(modules: tuple[str, ...], without: tuple[str, ...]) -> dict[str, P
         path = _file_of(name)
         if path is not None:
             files[name] = path
-            left += _imports_of(path)
+            left += _imports_of(path, name if path.stem == "__init__" else name.rpartition(".")[0])
     return files
 
 
@@ -100,22 +100,25 @@ def _file_of(name: str) -> Path | None:
 
 
 @cache
-def _imports_of(path: Path) -> list[str]:
-    """Names of modules that a module imports, and of what it imports from them."""
-    return list(_imports_in(ast.parse(read_source(path))))
+def _imports_of(path: Path, package: str) -> list[str]:
+    """Names of modules that a module of a package imports, and of what it imports from them."""
+    return list(_imports_in(ast.parse(read_source(path)), package))
 
 
-def _imports_in(tree: ast.AST) -> Iterator[str]:
+def _imports_in(tree: ast.AST, package: str) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module == _OURS:
+        elif isinstance(node, ast.ImportFrom) and node.module == _OURS and node.level == 0:
             # Its face imports nothing before it is asked for it.
             face = importlib.import_module(_OURS)
             yield from (getattr(getattr(face, a.name, None), "__module__", "") for a in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            if node.level:
+                module = importlib.util.resolve_name("." * node.level + module, package)
+            yield module
+            yield from (f"{module}.{alias.name}" for alias in node.names)
 
 
 def _without_words(source: str) -> str:

@@ -4,4 +4,5 @@
 that into shards of work, `store` keeps what is done, `survey` finds what is left,
 `shard` does a piece, `executors` say where, `run` drives them, `table` gathers the
 judgments, `status` tells how far it is, and `estimate` beforehand how long it takes.
+`judgments` lets models judge a study through all this, and finds what was judged.
 """
