@@ -66,7 +66,7 @@ BACK_ENDS = {
 def test_one_speed_that_is_no_number_is_never_judged(back_end, value, axis):
     kind, count = BACK_ENDS[back_end]
     bad = with_speed(packed(count), count // 2, value, axis)
-    with pytest.raises(SimulationDivergedError, match="no finite number|not inside|moved by more"):
+    with pytest.raises(SimulationDivergedError, match=r"no finite number|not inside|moved by more"):
         run_batch([bad], NO_SOLIDS, FRAME, kind=kind)
 
 

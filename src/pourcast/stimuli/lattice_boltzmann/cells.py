@@ -42,7 +42,7 @@ class Cells(NamedTuple):
     fallen: Any
     """How far the cell lies below the liquid's highest point at the start, shape [n]."""
     marks: Any
-    """Scratch of `surface.convert`, shape [n]."""
+    """Scratch of `interface.convert`, shape [n]."""
     slots: Any
     """Scratch of `droplets.fly`, int32, shape [n]."""
     offsets: Any
