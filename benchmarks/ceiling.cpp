@@ -1,7 +1,7 @@
 // One block of the engine by hand: 16 simulations in lockstep, contacts included. A ceiling for pourcast.
-// The arithmetic of pourcast.engine (sph, contact), in C++ with the compiler's vector extensions and
+// The arithmetic of pourcast.engine (density, momentum, walls, integrator, contact), in C++ with the compiler's vector extensions and
 // without all that makes the engine useful (batches, early ends, adhesion, frames).
-// Usage: ceiling FILE STEPS. FILE: numbers as `benchmarks/throughput.py` writes them.
+// Usage: ceiling FILE STEPS. FILE: numbers as `benchmarks/ceiling.py` writes them.
 // Prints the seconds that the steps took, and mean x and y at the end.
 #include <algorithm>
 #include <chrono>

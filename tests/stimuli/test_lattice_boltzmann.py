@@ -5,9 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pourcast.errors import InputError
+from pourcast.errors import InputError, SimulationDivergedError
 from pourcast.scenes.liquids import registry
-from pourcast.stimuli.lattice_boltzmann.lattice import MIRRORED, OPPOSITE, VELOCITY, WEIGHT
+from pourcast.stimuli.lattice_boltzmann.lattice import (
+    MIRRORED,
+    OPPOSITE,
+    VELOCITY,
+    WEIGHT,
+)
 from pourcast.stimuli.lattice_boltzmann.solver import (
     GRAVITY,
     LatticeFlow,
@@ -243,6 +248,60 @@ def test_a_dam_breaks_as_in_the_experiment():
 @pytest.mark.slow
 def test_a_dam_breaks_as_in_the_experiment_with_finer_cells():
     assert_front(dam_break(40))
+
+
+# Broken flows ------------------------------------------------------------------------
+
+
+def pool(**changes):
+    fill = np.zeros((6, 8, 3))
+    fill[:, :4] = 1.0
+    values = {"cell": 0.01, "viscosity": 1e-4, "time_step": 1e-4}
+    return LatticeFlow(fill, empty(6, 8, 3), **(values | changes))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("field", ["populations", "mass"])  # velocity is found anew from them
+@pytest.mark.parametrize("step", [1e-4, None], ids=["fixed step", "free step"])
+def test_one_number_that_is_none_in_one_cell_raises(field, value, step):
+    flow = pool(time_step=step, name="scene 'pool', water")
+    flow.advance(1e-3)
+    values = getattr(flow._cells, field)
+    surface = flow.active[flow._cells.flags[flow.active] == INTERFACE][0]
+    cell = surface if field == "mass" else flow.active[20]
+    if field == "populations":
+        values[:, cell, 5] = value
+    else:
+        values[..., cell] = value
+    with pytest.raises(
+        SimulationDivergedError, match=r"scene 'pool', water: diverged after .*LatticeSettings"
+    ):
+        flow.advance(flow.time + 0.1)
+
+
+@pytest.mark.parametrize(
+    ("share", "broken"), [(0.0, False), (9e-4, False), (1.1e-3, True), (0.5, True)]
+)
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_lost_or_new_mass_raises(share, broken, sign):
+    flow = pool()
+    flow._parts.owed[0] += sign * share * flow.mass / flow.cell**3
+    if broken:
+        with pytest.raises(SimulationDivergedError, match=r"its volume was 7.2e-05 m\^3, and is"):
+            flow.advance(1e-2)
+    else:
+        flow.advance(1e-2)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+@pytest.mark.parametrize("field", ["cell", "viscosity", "slip", "adhesion", "time_step"])
+def test_a_flow_checks_itself(field, value):
+    with pytest.raises(
+        InputError, match=rf"liquid on a lattice: {field}: expected .*, found {value}"
+    ):
+        pool(**{field: value})
+    with pytest.raises(InputError, match="smagorinsky must be at least 0, not nan"):
+        LatticeSettings(smagorinsky=np.nan)
 
 
 # Whole pours --------------------------------------------------------------------------
