@@ -8,6 +8,7 @@ import pytest
 from pourcast.errors import InputError, SimulationDivergedError
 from pourcast.scenes.liquids import registry
 from pourcast.stimuli.lattice_boltzmann.lattice import (
+    INTERFACE,
     MIRRORED,
     OPPOSITE,
     VELOCITY,

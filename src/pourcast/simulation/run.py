@@ -15,7 +15,7 @@ from pourcast.engine.packing import (
 )
 from pourcast.engine.solids import Solids, obstacle_distances, pack_solids
 from pourcast.errors import SimulationDivergedError
-from pourcast.progress import Progress
+from pourcast.progress import Progress, no_progress
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import GRAVITY, Outcome, Pour
 from pourcast.simulation.settings import EngineSettings, Kind
@@ -37,7 +37,7 @@ def simulate(
     settings: EngineSettings | None = None,
     record: bool = False,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> list[Outcome]:
     """Run simulations, in lockstep batches, on all cores.
 
@@ -76,8 +76,7 @@ def simulate(
         nonlocal done
         with lock:
             done += 1
-            if progress is not None:
-                progress(done, len(pours))
+            progress(done, len(pours))
 
     outcomes: dict[int, Outcome] = {}
     for (kind, _, stepping), members in groups.items():

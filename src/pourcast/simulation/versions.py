@@ -22,8 +22,8 @@ _DECIDE_NOTHING = tuple(
     f"{_OURS}.{name}" for name in ("errors", "extras", "files", "progress", "registry")
 )
 
-_WORDS = ("share", "words")
-"""What a goal's class says to people."""
+_WORDS = ("share", "words", "answer_picture")
+"""What a goal's class says and shows to people."""
 
 
 @cache
@@ -39,7 +39,7 @@ def code_version(
     without
         Modules and packages that are left out, and not followed.
     words
-        Whether what classes say to people (`share`, `words`) counts.
+        Whether what classes say and show to people (`_WORDS`) counts.
 
     Returns
     -------
