@@ -13,6 +13,8 @@ import pytest
 
 from pourcast import cli
 from pourcast.scenes.liquids.registry import liquid_from
+from pourcast.sweep import grid
+from pourcast.sweep.grid import parse_grid
 from tests.experiment.server_process import ServerProcess
 
 ROOT = Path(__file__).parents[1]
@@ -48,6 +50,20 @@ def serve(arguments):
         assert b"<main" in page.read()
 
 
+@pytest.fixture
+def _coarse_grid(monkeypatch):
+    """Let `quick` have every fourth damping: the slow reproductions sweep the whole of it."""
+
+    def coarse(text, name, *more):
+        return parse_grid(
+            text.replace("step = 1 }", "step = 4 }") if name == "quick" else text, name, *more
+        )
+
+    monkeypatch.setattr(grid, "parse_grid", coarse)
+    assert 50 < sum(1 for _ in grid.read_grid("quick").points()) < 324 / 2
+
+
+@pytest.mark.usefixtures("_coarse_grid")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
