@@ -17,7 +17,7 @@ import numpy as np
 from pourcast.cli.terminal import progress_bar
 from pourcast.networks.network import Card, read_card, read_network
 from pourcast.networks.training.data import Draws, drawn_scenes
-from pourcast.networks.training.pair import HELD_OUT, Request, default_recipe, train_networks
+from pourcast.networks.training.pair import HELD_OUT, NetworkRequest, default_recipe, train_networks
 from pourcast.pictures.style import BLUE, COLUMN, GREY, RC, new_figure, save_figure
 
 COUNTS = (500, 1000, 2000, 5000, 10_000)
@@ -27,7 +27,7 @@ ALEXNET = {"height": 128, "width": 128, "passes": 8, "learning_rate": 1e-4}
 PARTS = ("curve", "alexnet", "honey")
 
 
-def trained(folder: Path, name: str, request: Request) -> Path:
+def trained(folder: Path, name: str, request: NetworkRequest) -> Path:
     """The last network of a request; says how long it took."""
     begin = time.monotonic()
     with progress_bar() as report:
@@ -56,7 +56,9 @@ def raw_r(path: Path, card: Card) -> float:
 
 
 def curve(folder: Path) -> list[str]:
-    paths = {n: trained(folder, f"small-{n}", Request("exp1", n, 0)) for n in reversed(COUNTS)}
+    paths = {
+        n: trained(folder, f"small-{n}", NetworkRequest("exp1", n, 0)) for n in reversed(COUNTS)
+    }
     paths = {n: paths[n] for n in COUNTS}
     draw({n: read_card(path) for n, path in paths.items()}, folder / "learning-curve")
     return [row("`convnet-small`, water", path) for path in paths.values()]
@@ -89,12 +91,12 @@ def draw(cards: dict[int, Card], path: Path) -> None:
 
 def alexnet(folder: Path) -> list[str]:
     recipe = default_recipe("alexnet", **ALEXNET)
-    path = trained(folder, "alexnet", Request("exp1", COUNTS[-1], 0, recipe))
+    path = trained(folder, "alexnet", NetworkRequest("exp1", COUNTS[-1], 0, recipe))
     return [row("`alexnet` 128 x 128, from random weights, water", path)]
 
 
 def honey(folder: Path) -> list[str]:
-    tuned = trained(folder, f"small-{COUNTS[-1]}", Request("exp1", COUNTS[-1], HONEY))
+    tuned = trained(folder, f"small-{COUNTS[-1]}", NetworkRequest("exp1", COUNTS[-1], HONEY))
     return [row("`convnet-small`, honey, fine-tuned from water's", tuned)]
 
 

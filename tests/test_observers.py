@@ -57,20 +57,20 @@ def test_an_observer_answers_the_same_however_many_others_do():
 
 def test_observers_differ_in_their_parameters():
     table = table_of(400)
-    water = table[table["liquid"] == "water"].drop_duplicates("participant")["head"]
+    water = table[table["liquid"] == "water"].drop_duplicates("participant")["model"]
     zetas = np.array([make_model(spec).damping_zeta for spec in water])
     assert np.unique(zetas).size > 3
     assert (zetas == np.round(zetas)).all()
     assert zetas.mean() == pytest.approx(5, abs=0.3)
     assert zetas.std() == pytest.approx(1.5, abs=0.2)
     same = table_of(10, spreads={})
-    assert set(same["head"]) == set(HEADS.values())
+    assert set(same["model"]) == set(HEADS.values())
 
 
 def test_answers_follow_the_heads():
     quiet = Population(bias_sd=0, slope=1, slope_sd=0, precision=1e4, lapse=0, granularity=0)
     table = table_of(8, population=quiet)
-    heads = np.array([make_model(spec).damping_zeta / 20 for spec in table["head"]])
+    heads = np.array([make_model(spec).damping_zeta / 20 for spec in table["model"]])
     assert table["response"].to_numpy() == pytest.approx(heads, abs=0.03)
 
 

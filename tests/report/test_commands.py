@@ -36,7 +36,7 @@ def test_simulate_writes_the_same_bytes_for_the_same_seed(study, tmp_path, capsy
     assert "6 simulated observers, 10 trials each" in capsys.readouterr().out
     table = pd.read_csv(one)
     assert table["simulated"].all()
-    assert table["head"].nunique() > 2
+    assert table["model"].nunique() > 2
 
 
 def test_compare_prints_and_writes_tables(study, tmp_path, capsys):

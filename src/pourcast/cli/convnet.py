@@ -83,13 +83,13 @@ def train(
     from pourcast.networks.network import in_words, read_card
     from pourcast.networks.training.pair import (
         DEFAULT_SCENES,
-        Request,
+        NetworkRequest,
         network_spec,
         train_networks,
     )
 
     recipe = _recipe(backbone, start, size, quick, passes, learning_rate)
-    request = Request(
+    request = NetworkRequest(
         experiment,
         DEFAULT_SCENES if scenes is None else scenes,
         tuned_scenes,

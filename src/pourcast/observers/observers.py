@@ -17,6 +17,7 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.observer import Population
 from pourcast.study.responses import TEST
+from pourcast.sweep.judgments import LiquidAndModel
 
 STEPS: Mapping[str, float] = {"damping_zeta": 1.0, "n_particles": 5.0, "g": 0.1, "m": 0.02}
 """Parameters in which observers can differ, and the steps of their values."""
@@ -24,10 +25,7 @@ STEPS: Mapping[str, float] = {"damping_zeta": 1.0, "n_particles": 5.0, "g": 0.1,
 SPREADS: Mapping[str, float] = {"damping_zeta": 1.5, "m": 0.02, "g": 0.1}
 """How much observers differ unless it is said otherwise (standard deviation)."""
 
-Head = tuple[str, str]
-"""Liquid of the trials, and spec of the model that judges them."""
-
-Judge = Callable[[Sequence[Head]], Mapping[Head, NDArray[np.float64]]]
+Judge = Callable[[Sequence[LiquidAndModel]], Mapping[LiquidAndModel, NDArray[np.float64]]]
 """Gets the judgments of models, each of shape [scene_count]."""
 
 _ORDER, _PARAMETERS, _ANSWERS = 0xFFFF_FFFF, 0, 1
@@ -109,11 +107,11 @@ def simulate_observers(scenes: Sequence[Scene], observers: Observers, judge: Jud
     -------
     DataFrame
         `participant`, `scene`, `liquid`, `trial`, `phase`, `response`, `rt` [s], `simulated`, and
-        `head`, the model in the observer's head. One shuffled order is shared by all who see
+        `model`, the one in the observer's head. One shuffled order is shared by all who see
         the same liquids.
     """
     people = [_Person.draw(k, observers) for k in range(observers.count)]
-    judged = judge(list(dict.fromkeys(head for person in people for head in person.heads)))
+    judged = judge(list(dict.fromkeys(model for person in people for model in person.models)))
     return pd.concat(
         [person.answers(scenes, observers, judged) for person in people], ignore_index=True
     )
@@ -124,7 +122,7 @@ class _Person:
     """One observer, by number, and what is in the head for each liquid that it sees."""
 
     number: int
-    heads: tuple[Head, ...]
+    models: tuple[LiquidAndModel, ...]
 
     @classmethod
     def draw(cls, number: int, observers: Observers) -> "_Person":
@@ -141,25 +139,25 @@ class _Person:
         self,
         scenes: Sequence[Scene],
         observers: Observers,
-        judged: Mapping[Head, NDArray[np.float64]],
+        judged: Mapping[LiquidAndModel, NDArray[np.float64]],
     ) -> pd.DataFrame:
         """The observer's rows, in the order of the trials."""
         rng = np.random.default_rng([observers.seed, self.number, _ANSWERS])
         styles = observers.population.draw(1, rng)
-        judgments = np.concatenate([judged[head] for head in self.heads])
+        judgments = np.concatenate([judged[model] for model in self.models])
         responses = observers.population.respond(judgments, styles, rng)[0]
         times = _MEDIAN_RT * np.exp(_RT_LOG_SD * rng.standard_normal(len(responses)))
         table = pd.DataFrame(
             {
                 "participant": f"sim-{self.number + 1:03d}",
-                "scene": [scene.id for scene in scenes] * len(self.heads),
-                "liquid": np.repeat([liquid for liquid, _ in self.heads], len(scenes)),
+                "scene": [scene.id for scene in scenes] * len(self.models),
+                "liquid": np.repeat([liquid for liquid, _ in self.models], len(scenes)),
                 "trial": 0,
                 "phase": TEST,
                 "response": responses.round(6),
                 "rt": times.round(3),
                 "simulated": True,
-                "head": np.repeat([spec for _, spec in self.heads], len(scenes)),
+                "model": np.repeat([spec for _, spec in self.models], len(scenes)),
             }
         )
         order = np.random.default_rng([observers.seed, _ORDER]).permutation(len(table))

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from pourcast.errors import InputError, unknown
 from pourcast.experiment.data.responses import RESPONSES
-from pourcast.observers.observers import Head, Observers, simulate_observers
+from pourcast.observers.observers import Observers, simulate_observers
 from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.study.experiments.base import Experiment, observer_model
-from pourcast.sweep.judgments import judge_in_study, sweep_words
+from pourcast.sweep.judgments import LiquidAndModel, judge_in_study, sweep_words
 from pourcast.tables import write_table
 
 USUAL_OBSERVERS = 20
@@ -43,9 +43,9 @@ def observers_of(
     groups = (("water",),) if experiment is None else experiment.groups
     usual = USUAL_OBSERVERS if experiment is None else experiment.participants
     shown = dict.fromkeys(liquid for group in groups for liquid in group)
-    heads = {liquid: observer_model(experiment, liquid) for liquid in shown}
+    usual_models = {liquid: observer_model(experiment, liquid) for liquid in shown}
     return Observers(
-        usual if count is None else count, heads | dict(models or {}), groups, **options
+        usual if count is None else count, usual_models | dict(models or {}), groups, **options
     )
 
 
@@ -121,13 +121,15 @@ def rehearse(
 def observers_table(
     study: Path, scenes: Sequence[Scene], observers: Observers, report: Report = no_report
 ) -> pd.DataFrame:
-    """What simulated observers answer; their heads' judgments come through the study's store.
+    """What simulated observers answer; their models' judgments come through the study's store.
 
     See `simulate_observers`.
     """
 
-    def judge(heads: Sequence[Head]) -> Mapping[Head, NDArray[np.float64]]:
-        tell = sweep_words(report, "observers' heads")
-        return judge_in_study(study, scenes, heads, "observers", report=tell)
+    def judge(
+        models: Sequence[LiquidAndModel],
+    ) -> Mapping[LiquidAndModel, NDArray[np.float64]]:
+        tell = sweep_words(report, "observers' models")
+        return judge_in_study(study, scenes, models, "observers", report=tell)
 
     return simulate_observers(scenes, observers, judge)

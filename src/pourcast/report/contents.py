@@ -59,7 +59,7 @@ CAPTIONS = {
 
 
 @dataclass(frozen=True)
-class Shown:
+class ReportFigure:
     """A figure of the report.
 
     Parameters
@@ -100,14 +100,16 @@ class Film:
     path: Path
 
 
-def figures(comparison: Comparison) -> Iterator[Shown]:
+def figures(comparison: Comparison) -> Iterator[ReportFigure]:
     """All figures of a comparison, in the order of the page."""
     tables, experiment = comparison.tables, comparison.experiment
     own = study_liquids(comparison.study)
 
-    def drawn(name: str, section: str, figure: Figure, liquid: str = "", **more: Any) -> Shown:
+    def drawn(
+        name: str, section: str, figure: Figure, liquid: str = "", **more: Any
+    ) -> ReportFigure:
         file = f"{name}_{liquid}" if liquid else name
-        return Shown(file, section, CAPTIONS[name].format(liquid=liquid), figure, **more)
+        return ReportFigure(file, section, CAPTIONS[name].format(liquid=liquid), figure, **more)
 
     look: dict[str, Any] = {"of_people": False, "raster": True}
     yield drawn("stimuli", "stimuli", scenes.stimuli(comparison.scenes), **look)
@@ -131,7 +133,7 @@ def figures(comparison: Comparison) -> Iterator[Shown]:
     yield drawn("heuristics", "explained", scenes.heuristics(example), **look)
 
 
-def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterator[Shown]:
+def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterator[ReportFigure]:
     """What this design could have told apart, with observers as many as there were.
 
     Parameters
@@ -154,17 +156,17 @@ def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterat
         yield from _zeta_recovery(one, comparison, common)
 
 
-def _model_recovery(one: PeopleAndModels, common: dict[str, Any]) -> Shown:
+def _model_recovery(one: PeopleAndModels, common: dict[str, Any]) -> ReportFigure:
     short, count = called(one.trials.liquid), len(one.trials.participants)
     table = model_recovery_table(one.models, observers=count, **common)
     title = f"{short} trials: {count} participants, {len(one.trials.scenes)} scenes"
-    return Shown(
+    return ReportFigure(
         f"model_recovery_{short}", "design", CAPTIONS["model_recovery"].format(liquid=short),
         design.recovery(table, title), table=table.reset_index(),
     )  # fmt: skip
 
 
-def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterator[Shown]:
+def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterator[ReportFigure]:
     best, short = models.best_of_each_family(one, 2), called(one.trials.liquid)
     if len(best) < 2:
         return
@@ -176,12 +178,12 @@ def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterat
     )  # fmt: skip
     caption = CAPTIONS["power"].format(liquid=short, first=best[0], second=best[1])
     figure = design.power(table, f"{best[0]} / {best[1]}")
-    yield Shown(f"power_{short}", "design", caption, figure, table=table)
+    yield ReportFigure(f"power_{short}", "design", caption, figure, table=table)
 
 
 def _zeta_recovery(
     one: PeopleAndModels, comparison: Comparison, common: dict[str, Any]
-) -> Iterator[Shown]:
+) -> Iterator[ReportFigure]:
     short = called(one.trials.liquid)
     spec = observer_model(comparison.experiment, short)
     there = comparison.judged.on(one.trials.scenes)
@@ -192,7 +194,7 @@ def _zeta_recovery(
     table = parameter_recovery_table(
         values, judgments, observers=len(one.trials.participants), spread=0.0, **common
     )
-    yield Shown(
+    yield ReportFigure(
         f"zeta_recovery_{short}", "design",
         CAPTIONS["zeta_recovery"].format(liquid=short, first=spec),
         design.recovery(table, f"{spec}: zeta [1/s]"), table=table.reset_index(),

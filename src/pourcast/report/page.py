@@ -17,7 +17,7 @@ from pourcast.files import write_text
 from pourcast.pictures.style import save_figure
 from pourcast.progress import Report, no_report
 from pourcast.report import contents
-from pourcast.report.contents import Film, Shown
+from pourcast.report.contents import Film, ReportFigure
 from pourcast.report.display import readable
 from pourcast.report.methods import methods, provenance
 from pourcast.scenes.liquids.registry import called
@@ -96,7 +96,7 @@ def write_report(
 
 
 def _render(
-    comparison: Comparison, figures: Sequence[Shown], films: Sequence[Film], folder: Path
+    comparison: Comparison, figures: Sequence[ReportFigure], films: Sequence[Film], folder: Path
 ) -> str:
     environment = Environment(
         loader=PackageLoader("pourcast.report", "templates"), autoescape=True,

@@ -12,8 +12,13 @@ from pourcast.errors import StoreError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.models.registry import complete_presets
 from pourcast.networks.training.pair import DEFAULT_SCENES as CONVNET_SCENES
-from pourcast.networks.training.pair import QUICK, default_recipe, network_spec, train_networks
-from pourcast.networks.training.pair import Request as NetworkRequest
+from pourcast.networks.training.pair import (
+    QUICK,
+    NetworkRequest,
+    default_recipe,
+    network_spec,
+    train_networks,
+)
 from pourcast.observers.responses import observers_of, rehearse
 from pourcast.progress import Report, no_report
 from pourcast.report.page import Options, write_report

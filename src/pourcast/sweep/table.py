@@ -94,10 +94,10 @@ def judgment_table(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
         {"scene": ids[rows], "digest": digests[rows], **repeated}
         | {"judgment": np.concatenate(judgments)}
     )
-    models = [answer.point.model for answer in plan.answers]
-    for name in dict.fromkeys(name for model in models for name in model.parameters()):
+    parameters = [answer.point.model.parameters() for answer in plan.answers]
+    for name in dict.fromkeys(name for values in parameters for name in values):
         title = f"model_{name}" if name in COLUMNS else name
-        table[title] = np.repeat(_column([getattr(model, name, None) for model in models]), sizes)
+        table[title] = np.repeat(_column([values.get(name) for values in parameters]), sizes)
     return table
 
 

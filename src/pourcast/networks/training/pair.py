@@ -72,7 +72,7 @@ def default_recipe(backbone: str = "convnet-small", **given: Any) -> Recipe:
 
 
 @dataclass(frozen=True)
-class Request:
+class NetworkRequest:
     """What networks are wanted.
 
     Parameters
@@ -143,7 +143,7 @@ class Request:
 
 def train_networks(
     folder: Path,
-    request: Request,
+    request: NetworkRequest,
     *,
     data: Path | None = None,
     device: str = "auto",
@@ -222,7 +222,7 @@ def find_device(name: str) -> str:
     return name
 
 
-def _wanted(request: Request, liquid: str) -> dict[str, Any]:
+def _wanted(request: NetworkRequest, liquid: str) -> dict[str, Any]:
     """What a card must say for its network to be the one that is wanted."""
     return {
         "experiment": request.experiment,
@@ -235,7 +235,7 @@ def _wanted(request: Request, liquid: str) -> dict[str, Any]:
     }
 
 
-def _is_there(path: Path, request: Request, liquid: str) -> bool:
+def _is_there(path: Path, request: NetworkRequest, liquid: str) -> bool:
     """Whether a network is there already; another one is refused."""
     if not path.is_file():
         return False
@@ -291,7 +291,7 @@ class _Labelled:
     """Scenes with labels, as a request wants them."""
 
     folder: Path
-    request: Request
+    request: NetworkRequest
     workers: int | None
     report: Report
 
@@ -313,7 +313,7 @@ class _Labelled:
         return Examples(scenes, labels)
 
 
-def _first(folder: Path, request: Request, liquid: str) -> tuple[Any, str, bool]:
+def _first(folder: Path, request: NetworkRequest, liquid: str) -> tuple[Any, str, bool]:
     """A network before it learns, what its weights are, and whether they know anything."""
     torch, recipe = torch_module(), request.recipe
     torch.manual_seed(request.seed)
