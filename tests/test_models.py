@@ -3,14 +3,14 @@
 import subprocess
 import sys
 import tomllib
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, dataclass, replace
 from importlib.resources import files
 
 import numpy as np
 import pytest
 
 from pourcast.errors import InputError
-from pourcast.models.base import Model, SimulationModel, checked_judgments
+from pourcast.models.base import Model, SimulationModel, checked_judgments, parameter
 from pourcast.models.registry import (
     MODELS,
     complete_presets,
@@ -286,3 +286,35 @@ def test_what_is_no_judgment_is_not_returned(said, complaint):
     ]
     with pytest.raises(InputError, match=f"model 'odd': .*{complaint}"):
         checked_judgments(said(scenes), "odd", scenes)
+
+
+@dataclass(frozen=True)
+class OpenRanges(Model):
+    """Parameters whose ranges are open at an end."""
+
+    rate: float = parameter(1.0, low=0, unit="1/s", doc="at least 0")
+    share: float = parameter(0.5, high=1, doc="at most 1")
+    any_number: float = parameter(0.0, doc="any number")
+
+    def judge(self, scenes, liquid, seed=0, *, progress=None):
+        """Nothing falls."""
+        return np.zeros(len(scenes))
+
+
+@pytest.mark.parametrize(
+    ("values", "complaint"),
+    [
+        ({"rate": -1.0}, "rate: expected at least 0 1/s, found -1"),
+        ({"share": 1.5}, "share: expected at most 1, found 1.5"),
+        ({"rate": float("inf")}, "rate: expected at least 0 1/s, found inf"),
+        ({"any_number": float("nan")}, "any_number: expected a finite number, found nan"),
+    ],
+)
+def test_a_range_that_is_open_at_an_end_is_told_in_words(values, complaint):
+    with pytest.raises(InputError, match=f"^OpenRanges: {complaint}$"):
+        OpenRanges(**values)
+
+
+def test_no_table_of_parameters_says_none():
+    for name in MODELS.names():
+        assert all("None" not in row["range"] for row in parameter_table(name))

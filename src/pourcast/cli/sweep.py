@@ -50,7 +50,7 @@ def sweep(
             "--grid",
             "-g",
             metavar="FILE or NAME",
-            help="What to sweep: a TOML file, or quick, paper-exp1, paper-exp2.",
+            help="What to sweep: a TOML file, an experiment's name, or quick.",
         ),
     ] = None,
     executor: ExecutorOption = ExecutorName.LOCAL,
