@@ -222,10 +222,10 @@ def test_one_large_simulation_is_measured_as_the_same_in_lockstep():
     measure(state, lanes, 0.0, 310, False, lockstep)
     block = batch._new_block(310, large=True)
     batch._write_start(block, 0, one, large=True)
-    batch.fill_lane(block.lanes, slice(None), one, STEP)
-    neighbours.find_density(block.state, block.lanes, 310)
+    batch.fill_lane(block.parameters, slice(None), one, STEP)
+    neighbours.find_density(block.state, block.parameters, 310)
     large = empty_diagnostics()
-    measure(block.state, block.lanes, 0.0, 310, True, large)
+    measure(block.state, block.parameters, 0.0, 310, True, large)
     for name in ("squared_speed", "head", "energy", "outside"):
         assert getattr(large, name) == pytest.approx(
             np.full(LANES, getattr(lockstep, name)[0]), rel=1e-5
