@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks import splishsplash
 from pourcast.engine.batch import Job, fill_lane
-from pourcast.engine.state import empty_lanes
+from pourcast.engine.state import empty_parameters
 from pourcast.sweep.bench import BATCH, DURATION, PAPER_STEP, undamped_jobs
 
 STEPS = round(DURATION / PAPER_STEP)
@@ -29,7 +29,7 @@ Peer = tuple[str, Speed]
 
 def constants(job: Job) -> dict[str, float]:
     """Factors of the pair forces, the engine's own."""
-    lanes = empty_lanes()
+    lanes = empty_parameters()
     fill_lane(lanes, 0, job, PAPER_STEP)
     fields = {
         "inverse": lanes.inverse_support,

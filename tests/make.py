@@ -7,7 +7,7 @@ from pourcast.engine import sph
 from pourcast.engine.batch import Job, Result, Stepping, fill_lane, run_batch
 from pourcast.engine.smoothing import GRADIENT_FACTOR
 from pourcast.engine.solids import Solids, pack_solids
-from pourcast.engine.state import Lanes, State, empty_lanes, empty_state
+from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.scenes.goals.basins import Basins
@@ -82,9 +82,9 @@ def run_one(one: Job, step: float, duration: float, solids: Solids = NO_SOLIDS, 
     return run_batch(jobs, solids, Stepping(step, steps), threads=1, **kwargs)[0]
 
 
-def loaded_block(jobs: list[Job], step: float) -> tuple[State, Lanes]:
+def loaded_block(jobs: list[Job], step: float) -> tuple[State, LaneParameters]:
     """State and lanes of up to 16 jobs, ready for the kernels."""
-    state, lanes = empty_state(len(jobs[0].position)), empty_lanes()
+    state, lanes = empty_state(len(jobs[0].position)), empty_parameters()
     for lane, one in enumerate(jobs):
         state.position[:, :, lane] = one.position.T
         if one.velocity is not None:

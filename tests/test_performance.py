@@ -10,7 +10,7 @@ import numpy as np
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.engine import sph
 from pourcast.engine.compile import kernel
-from pourcast.engine.solids import Cells, build_cells
+from pourcast.engine.solids import BroadPhase, build_broad_phase
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.study.selection import filtered_scenes
 from pourcast.sweep import bench
@@ -158,7 +158,7 @@ def test_the_engine_needs_few_cycles_a_pair():
     allowed = 2.0 if features.get("avx512f") else 4.0 if features.get("avx2") else 8.0
     count, links, steps = 50, 1_000_000, 500
     solids = bench.obstacle_courses(16)
-    cells = Cells(*build_cells(solids, np.tile([1.0, 1.5], (16, 1)), 0.03, 0, 16))
+    cells = BroadPhase(*build_broad_phase(solids, np.tile([1.0, 1.5], (16, 1)), 0.03, 0, 16))
     state, lanes = loaded_block(bench.undamped_jobs(count, 16), 2e-4)
     block = (state, lanes, solids, cells, 2e-4)
     chain(1.0, 10)

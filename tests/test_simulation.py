@@ -1,5 +1,6 @@
 """From scenes to the engine: settings, errors, and the books of a batch."""
 
+import pickle
 import threading
 
 import numpy as np
@@ -134,3 +135,21 @@ def test_a_start_has_hardly_any_energy_to_release():
         )[0].frames  # fmt: skip
         width = np.ptp(frames[:, :, 0], axis=1)
         assert width[:7].max() < 1.05 * width[0]
+
+
+def test_the_command_line_says_of_a_broken_pour_in_a_line_which_it_was(monkeypatch, capsys):
+    from pourcast import cli
+
+    def broken(*_, **__):
+        raise SimulationDivergedError("scene 'ramp', 50 particles of 'water': diverged")
+
+    monkeypatch.setattr("pourcast.prediction.predict", broken)
+    monkeypatch.setattr("pourcast.predict", broken, raising=False)
+    status = cli.run(["predict", "examples/ramp.json", "-m", "ife"])
+    assert status == 1
+    assert capsys.readouterr().err == "pourcast: scene 'ramp', 50 particles of 'water': diverged\n"
+
+
+def test_an_error_of_a_broken_pour_goes_from_process_to_process():
+    error = pickle.loads(pickle.dumps(SimulationDivergedError("too fast", number=3)))
+    assert (str(error), error.number) == ("too fast", 3)

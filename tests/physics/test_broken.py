@@ -19,7 +19,7 @@ from pourcast.engine.diagnostics import (
 )
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.engine.simd import LANES
-from pourcast.engine.solids import Cells, build_cells
+from pourcast.engine.solids import BroadPhase, build_broad_phase
 from pourcast.errors import InputError, SimulationDivergedError
 from pourcast.models.base import SimulationModel
 from pourcast.scenes.liquids.registry import HONEY_EXP2
@@ -88,7 +88,7 @@ def test_the_other_lanes_go_on_right_beside_a_broken_one(kind, value):
     jobs = [packed(12, duration=FRAME.frame) for _ in range(3)]
     jobs.insert(1, with_speed(packed(12, duration=FRAME.frame), 5, value, 0))
     state, lanes = loaded_block(jobs, STEP)
-    cells = Cells(*build_cells(NO_SOLIDS, np.array([[1.0, 1.5]]), 0.1, 0, 1))
+    cells = BroadPhase(*build_broad_phase(NO_SOLIDS, np.array([[1.0, 1.5]]), 0.1, 0, 1))
     found = empty_diagnostics()
     sph.find_density(state, lanes)
     if kind == "marbles":
@@ -221,11 +221,11 @@ def test_one_large_simulation_is_measured_as_the_same_in_lockstep():
     lockstep = empty_diagnostics()
     measure(state, lanes, 0.0, 310, False, lockstep)
     block = batch._new_block(310, large=True)
-    batch._place(block, 0, one, large=True)
-    batch.fill_lane(block.lanes, slice(None), one, STEP)
-    neighbours.find_density(block.state, block.lanes, 310)
+    batch._write_start(block, 0, one, large=True)
+    batch.fill_lane(block.parameters, slice(None), one, STEP)
+    neighbours.find_density(block.state, block.parameters, 310)
     large = empty_diagnostics()
-    measure(block.state, block.lanes, 0.0, 310, True, large)
+    measure(block.state, block.parameters, 0.0, 310, True, large)
     for name in ("squared_speed", "head", "energy", "outside"):
         assert getattr(large, name) == pytest.approx(
             np.full(LANES, getattr(lockstep, name)[0]), rel=1e-5

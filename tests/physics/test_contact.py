@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN, collide_with_polygons, list_near
-from pourcast.engine.solids import Cells, build_cells, pack_solids, signed_distance
+from pourcast.engine.solids import BroadPhase, build_broad_phase, pack_solids, signed_distance
 from pourcast.engine.state import NEAR_EDGES, NEAR_POLYGONS
 from tests.make import job, loaded_block, random_scenes
 
@@ -56,7 +56,7 @@ def test_a_list_holds_all_that_is_near_until_its_slack_is_used_up(polygons):
     rng = np.random.default_rng(5)
     solids = pack_solids([[(p, False) for p in polygons]])
     reach = RADIUS * (1 + TOUCH_SKIN + LIST_SKIN)
-    cells = Cells(*build_cells(solids, np.array([[1.0, 1.5]]), reach, 0, 1))
+    cells = BroadPhase(*build_broad_phase(solids, np.array([[1.0, 1.5]]), reach, 0, 1))
     state, lanes = loaded_block([job(np.array([[0.5, 0.7, 0.07]]))], 1e-4)
     shapes = [shapely.Polygon(p) for p in polygons]
     compared = near = 0
@@ -101,7 +101,7 @@ def test_a_sphere_between_two_solids_that_leave_no_room_stays_where_it_was():
         np.array([[0.51, 0.5], [0.7, 0.5], [0.7, 0.9], [0.51, 0.9]]),
     ]
     solids = pack_solids([[(p, False) for p in walls]])
-    cells = Cells(*build_cells(solids, np.array([[1.0, 1.5]]), 3 * RADIUS, 0, 1))
+    cells = BroadPhase(*build_broad_phase(solids, np.array([[1.0, 1.5]]), 3 * RADIUS, 0, 1))
     inside = job(np.array([[0.4895, 0.7, 0.07]]), radius=RADIUS)
     state, lanes = loaded_block([inside], 1e-4)
     state.position[:2, 0, 0] = 0.4895, 0.7

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from pourcast.engine import sph
-from pourcast.engine.batch import _cells_of
+from pourcast.engine.batch import _broad_phase_of
 from pourcast.scenes.goals.basins import Basins
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.scenes.scene import Box, LiquidStart, Scene
@@ -30,7 +30,7 @@ def test_energy_never_grows_in_200_scenes():
         solids, indices = _solids_of(pours)
         jobs = [_job(p, k, settings) for p, k in zip(pours, indices, strict=True)]
         with ThreadPoolExecutor(1) as pool:
-            cells = _cells_of(jobs, solids, pool, 1)
+            cells = _broad_phase_of(jobs, solids, pool, 1)
         state, lanes = loaded_block(jobs, 2e-4)
         before = None
         for _ in range(15):

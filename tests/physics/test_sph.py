@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from pourcast.engine import density, momentum, neighbours, smoothing
 from pourcast.engine.batch import Job, Stepping, fill_lane, run_batch
-from pourcast.engine.state import empty_lanes, empty_state
+from pourcast.engine.state import empty_parameters, empty_state
 from tests.make import (
     NO_SOLIDS,
     block,
@@ -68,7 +68,7 @@ def test_mirror_images_in_the_walls_agree_with_plain_loops():
 def test_neighbour_list_agrees_with_all_pairs():
     one = cloud(90, 5)
     all_pairs, densities = forces_of(one)
-    state, lanes = empty_state(6), empty_lanes()
+    state, lanes = empty_state(6), empty_parameters()
     position, velocity = state.position.reshape(3, -1), state.velocity.reshape(3, -1)
     position[:, :90], velocity[:, :90] = one.position.T, one.velocity.T
     fill_lane(lanes, slice(None), one, 1e-4)

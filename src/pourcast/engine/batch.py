@@ -34,8 +34,8 @@ from pourcast.engine.diagnostics import (
 )
 from pourcast.engine.simd import LANES, flush_denormals
 from pourcast.engine.smoothing import GRADIENT_FACTOR
-from pourcast.engine.solids import Cells, Solids, build_cells, join_cells
-from pourcast.engine.state import Lanes, State, empty_lanes, empty_state
+from pourcast.engine.solids import BroadPhase, Solids, build_broad_phase, join_broad_phases
+from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
 from pourcast.errors import InputError, SimulationDivergedError
 
 REST_SPEED = 0.02
@@ -155,7 +155,7 @@ class _Block:
     """A state, its lanes' parameters, and which job is in which lane."""
 
     state: State
-    lanes: Lanes
+    parameters: LaneParameters
     count: int
     jobs: dict[int, int] = field(default_factory=dict)
     """Lane -> index of the job in it."""
@@ -169,7 +169,7 @@ class _Block:
     recorded: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict)
 
 
-def fill_lane(lanes: Lanes, lane: int | slice, job: Job, step: float) -> None:
+def fill_lane(parameters: LaneParameters, lane: int | slice, job: Job, step: float) -> None:
     """Write a job's parameters into a lane, in the form in which the kernels want them."""
     h = 0.5 * job.support_radius
     gradient = GRADIENT_FACTOR / (job.support_radius**2 * job.reference_density)
@@ -190,7 +190,7 @@ def fill_lane(lanes: Lanes, lane: int | slice, job: Job, step: float) -> None:
         "keep_tangential": np.exp(-job.adhesion_tangential * step),
     }
     for name, value in values.items():
-        getattr(lanes, name)[lane] = value
+        getattr(parameters, name)[lane] = value
 
 
 def run_batch(
@@ -241,7 +241,7 @@ def run_batch(
     large = kind == "liquid" and len(jobs[0].position) > neighbours.ALL_PAIRS_LIMIT
     width = 1 if large else min(LANES, -(-len(jobs) // worker_count))
 
-    def work(cells: Cells) -> None:
+    def work(broad_phase: BroadPhase) -> None:
         block = _new_block(len(jobs[0].position), large=large)
         while not stop.is_set():
             fresh = _take_jobs(block, queue, jobs, stepping.step, width, record=record, large=large)
@@ -249,7 +249,7 @@ def run_batch(
                 return
             if fresh:
                 _measure_start(block, [(k, jobs[block.jobs[k]]) for k in fresh], kind, large=large)
-            _advance(block, solids, cells, stepping, kind=kind, large=large)
+            _advance(block, solids, broad_phase, stepping, kind=kind, large=large)
             for index, result in _finished(block, stepping, large=large):
                 results[index] = result
                 if on_done is not None:
@@ -257,8 +257,8 @@ def run_batch(
 
     with ThreadPoolExecutor(worker_count, initializer=flush_denormals) as pool:
         try:
-            cells = _cells_of(jobs, solids, pool, worker_count)
-            futures = [pool.submit(work, cells) for _ in range(worker_count)]
+            broad_phase = _broad_phase_of(jobs, solids, pool, worker_count)
+            futures = [pool.submit(work, broad_phase) for _ in range(worker_count)]
             for future in as_completed(futures):  # the first that fails ends the others
                 future.result()
         finally:
@@ -271,7 +271,9 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _cells_of(jobs: Sequence[Job], solids: Solids, pool: Executor, worker_count: int) -> Cells:
+def _broad_phase_of(
+    jobs: Sequence[Job], solids: Solids, pool: Executor, worker_count: int
+) -> BroadPhase:
     """Broad phase of all scenes, a share of them a worker."""
     scene_count = len(solids.scene_start) - 1
     extents = np.ones((scene_count, 2))
@@ -279,12 +281,12 @@ def _cells_of(jobs: Sequence[Job], solids: Solids, pool: Executor, worker_count:
         extents[job.scene] = job.width, job.height
     reach = (1.0 + TOUCH_SKIN + LIST_SKIN) * max(job.radius for job in jobs)
     edges = np.linspace(0, scene_count, worker_count + 1).astype(int)
-    shares = pool.map(partial(build_cells, solids, extents, reach), edges[:-1], edges[1:])
-    return join_cells([Cells(*share) for share in shares])
+    shares = pool.map(partial(build_broad_phase, solids, extents, reach), edges[:-1], edges[1:])
+    return join_broad_phases([BroadPhase(*share) for share in shares])
 
 
 def _new_block(count: int, *, large: bool) -> _Block:
-    return _Block(empty_state(-(-count // LANES) if large else count), empty_lanes(), count)
+    return _Block(empty_state(-(-count // LANES) if large else count), empty_parameters(), count)
 
 
 def _particles(
@@ -315,8 +317,8 @@ def _take_jobs(
         except IndexError:
             break
         job = jobs[index]
-        _place(block, lane, job, large=large)
-        fill_lane(block.lanes, slice(None) if large else lane, job, step)
+        _write_start(block, lane, job, large=large)
+        fill_lane(block.parameters, slice(None) if large else lane, job, step)
         block.jobs[lane] = index
         block.frames_done[lane] = block.still_frames[lane] = 0
         block.duration[lane], block.decided_below[lane] = job.duration, HEAD_MARGIN * job.rim
@@ -331,11 +333,11 @@ def _measure_start(
 ) -> None:
     """Measure the energy at the start of the jobs in some lanes."""
     if kind == "liquid" and large:
-        neighbours.find_density(block.state, block.lanes, block.count)
+        neighbours.find_density(block.state, block.parameters, block.count)
     elif kind == "liquid":
-        sph.find_density(block.state, block.lanes)
+        sph.find_density(block.state, block.parameters)
     found = block.diagnostics
-    measure(block.state, block.lanes, 0.0, block.count, large, found)
+    measure(block.state, block.parameters, 0.0, block.count, large, found)
     for lane, job in fresh:
         energy, lanes = float(found.energy[lane]), slice(None) if large else lane
         found.least_energy[lanes] = energy
@@ -345,7 +347,7 @@ def _measure_start(
         block.state.squared_top_speed[lanes] = 0.0
 
 
-def _place(block: _Block, lane: int, job: Job, *, large: bool) -> None:
+def _write_start(block: _Block, lane: int, job: Job, *, large: bool) -> None:
     velocity = np.zeros_like(job.position) if job.velocity is None else job.velocity
     state = block.state
     if not large:
@@ -364,9 +366,22 @@ def _place(block: _Block, lane: int, job: Job, *, large: bool) -> None:
 
 
 def _advance(
-    block: _Block, solids: Solids, cells: Cells, stepping: Stepping, *, kind: str, large: bool
+    block: _Block,
+    solids: Solids,
+    broad_phase: BroadPhase,
+    stepping: Stepping,
+    *,
+    kind: str,
+    large: bool,
 ) -> None:
-    arguments = (block.state, block.lanes, solids, cells, stepping.step, stepping.steps_per_frame)
+    arguments = (
+        block.state,
+        block.parameters,
+        solids,
+        broad_phase,
+        stepping.step,
+        stepping.steps_per_frame,
+    )
     if kind == "marbles":
         rigid.advance(*arguments)
     elif large:
@@ -378,7 +393,9 @@ def _advance(
 def _finished(block: _Block, stepping: Stepping, *, large: bool) -> list[tuple[int, Result]]:
     """Count the frame, record it, and empty the lanes whose simulation is over."""
     found = block.diagnostics
-    sound = measure_and_check(block.state, block.lanes, stepping.step, block.count, large, found)
+    sound = measure_and_check(
+        block.state, block.parameters, stepping.step, block.count, large, found
+    )
     block.frames_done += 1
     if not sound:
         raise _diverged(block, stepping)
@@ -416,8 +433,8 @@ def _diverged(block: _Block, stepping: Stepping) -> SimulationDivergedError:
         )
     else:
         fault = (
-            f"a particle has moved by more than its radius, {block.lanes.radius[lane]:.3g} m, in "
-            f"one step"
+            f"a particle has moved by more than its radius, "
+            f"{block.parameters.radius[lane]:.3g} m, in one step"
         )
     return SimulationDivergedError(
         f"diverged after {block.frames_done[lane] * stepping.frame:.3g} s of its time: {fault}; "
@@ -431,7 +448,7 @@ def _take_out(block: _Block, lane: int, time: float, *, settled: bool, large: bo
     touched = state.touched.reshape(-1)[:count] if large else state.touched[:, lane]
     frames = block.recorded.pop(lane, None)
     del block.jobs[lane]
-    block.lanes.scene[slice(None) if large else lane] = -1
+    block.parameters.scene[slice(None) if large else lane] = -1
     return Result(
         position=_particles(state.position, count, lane, large=large),
         velocity=_particles(state.velocity, count, lane, large=large),

@@ -36,51 +36,53 @@ _FAR = 1e6
 
 
 @kernel
-def collide_with_polygons(state: Any, lanes: Any, solids: Any, cells: Any) -> None:
+def collide_with_polygons(state: Any, parameters: Any, solids: Any, broad_phase: Any) -> None:
     """Push spheres out of polygons, stop their motion into them, let them stick.
 
     Parameters
     ----------
     state
         Positions, velocities, last positions, contact flags and lists; changed in place.
-    lanes
+    parameters
         Parameters of the 16 lanes.
-    solids, cells
+    solids, broad_phase
         The polygons and the broad phase.
     """
     for row in range(state.density.shape[0]):
         dx = load(state.position[0], row) - load(state.listed_at[0], row)
         dy = load(state.position[1], row) - load(state.listed_at[1], row)
         if any_less(load(state.squared_slack, row), dx * dx + dy * dy):
-            _renew_lists(state, lanes, solids, cells, row)
+            _renew_lists(state, parameters, solids, broad_phase, row)
         if state.most_near[row] > 0:
-            _collide_row(state, lanes, row, state.most_near[row])
+            _collide_row(state, parameters, row, state.most_near[row])
 
 
 @kernel
-def _renew_lists(state: Any, lanes: Any, solids: Any, cells: Any, row: int) -> None:
+def _renew_lists(state: Any, parameters: Any, solids: Any, broad_phase: Any, row: int) -> None:
     """List anew for those spheres of a row that have moved by more than their slack."""
     most = 0
     for lane in range(LANES):
         dx = state.position[0, row, lane] - state.listed_at[0, row, lane]
         dy = state.position[1, row, lane] - state.listed_at[1, row, lane]
         if dx * dx + dy * dy > state.squared_slack[row, lane]:
-            list_near(state, lanes, solids, cells, row, lane)
+            list_near(state, parameters, solids, broad_phase, row, lane)
         most = max(most, int(state.near_count[row, lane]))
     state.most_near[row] = most
 
 
 @kernel
-def list_near(state: Any, lanes: Any, solids: Any, cells: Any, row: int, lane: int) -> None:
+def list_near(
+    state: Any, parameters: Any, solids: Any, broad_phase: Any, row: int, lane: int
+) -> None:
     """List the polygons near one sphere, each by its nearest edges, and say how long it holds.
 
     Parameters
     ----------
     state
         The spheres and their lists; changed in place.
-    lanes
+    parameters
         Parameters of the 16 lanes.
-    solids, cells
+    solids, broad_phase
         The polygons and the broad phase.
     row, lane
         Place of the sphere.
@@ -90,20 +92,22 @@ def list_near(state: Any, lanes: Any, solids: Any, cells: Any, row: int, lane: i
     for slot in range(int(state.near_count[row, lane])):
         _empty_slot(state, row, lane, slot)
     state.near_count[row, lane] = 0.0
-    scene = lanes.scene[lane]
+    scene = parameters.scene[lane]
     if scene < 0:
         state.squared_slack[row, lane] = np.inf
         return
-    radius = float(lanes.radius[lane])
+    radius = float(parameters.radius[lane])
     touch = radius * (1.0 + TOUCH_SKIN)
     reach = touch + radius * LIST_SKIN
-    cell = cell_of(x, y, scene, cells)
+    cell = cell_of(x, y, scene, broad_phase)
     slack = radius * LIST_SKIN
-    if cells.clearance[cell] > reach:
-        slack = cells.clearance[cell] - touch
+    if broad_phase.clearance[cell] > reach:
+        slack = broad_phase.clearance[cell] - touch
     else:
-        for k in range(cells.start[cell], cells.start[cell + 1]):
-            slack = _list_polygon(state, solids, cells.polygons[k], row, lane, touch, reach, slack)
+        for k in range(broad_phase.start[cell], broad_phase.start[cell + 1]):
+            slack = _list_polygon(
+                state, solids, broad_phase.polygons[k], row, lane, touch, reach, slack
+            )
     slack = max(slack, 0.0)
     state.squared_slack[row, lane] = slack * slack
 
@@ -171,12 +175,12 @@ def _list_polygon(
 
 
 @kernel
-def _list_edge(state: Any, solids: Any, edge: int, place: int, row: int, lane: int) -> None:
-    state.near_edges[place, 0, row, lane] = solids.vertices[edge, 0]
-    state.near_edges[place, 1, row, lane] = solids.vertices[edge, 1]
-    state.near_edges[place, 2, row, lane] = solids.normals[edge, 0]
-    state.near_edges[place, 3, row, lane] = solids.normals[edge, 1]
-    state.near_edges[place, 4, row, lane] = solids.lengths[edge]
+def _list_edge(state: Any, solids: Any, edge: int, slot_edge: int, row: int, lane: int) -> None:
+    state.near_edges[slot_edge, 0, row, lane] = solids.vertices[edge, 0]
+    state.near_edges[slot_edge, 1, row, lane] = solids.vertices[edge, 1]
+    state.near_edges[slot_edge, 2, row, lane] = solids.normals[edge, 0]
+    state.near_edges[slot_edge, 3, row, lane] = solids.normals[edge, 1]
+    state.near_edges[slot_edge, 4, row, lane] = solids.lengths[edge]
 
 
 @kernel
@@ -204,10 +208,10 @@ def _gap(state: Any, row: int, slot: int, x: Any, y: Any) -> Any:
 
 
 @kernel
-def _collide_row(state: Any, lanes: Any, row: int, slot_count: int) -> None:
+def _collide_row(state: Any, parameters: Any, row: int, slot_count: int) -> None:
     """Contact of the 16 spheres of a row with all that is in their lists."""
     zero, one = splat(0.0), splat(1.0)
-    radius, width = load(lanes.radius, 0), load(lanes.width, 0)
+    radius, width = load(parameters.radius, 0), load(parameters.width, 0)
     touch, right = radius * (1.0 + TOUCH_SKIN), width - radius
     x, y = load(state.position[0], row), load(state.position[1], row)
     u, v, w = (
@@ -221,7 +225,10 @@ def _collide_row(state: Any, lanes: Any, row: int, slot_count: int) -> None:
     partners = load(state.near_count, row) + where_less(from_wall, 1.5 * radius, one, zero)
     several = where_less(one, partners, one, zero)
     active = one
-    keep_normal, keep_tangential = load(lanes.keep_normal, 0), load(lanes.keep_tangential, 0)
+    keep_normal, keep_tangential = (
+        load(parameters.keep_normal, 0),
+        load(parameters.keep_tangential, 0),
+    )
     for _ in range(_PASSES):
         deepest = zero
         for slot in range(slot_count):
@@ -263,18 +270,21 @@ def _collide_row(state: Any, lanes: Any, row: int, slot_count: int) -> None:
 
 
 @kernel
-def collide_with_box(state: Any, lanes: Any) -> None:
+def collide_with_box(state: Any, parameters: Any) -> None:
     """Keep spheres inside the box; side walls and floor are sticky, front and back are not.
 
     The front and back panes are the plane of the picture rather than things in
     the scene: a liquid that stuck to them would never leave its start.
     """
-    radius = load(lanes.radius, 0)
+    radius = load(parameters.radius, 0)
     touching = radius * (1.0 + TOUCH_SKIN)
-    keep_normal, keep_tangential = load(lanes.keep_normal, 0), load(lanes.keep_tangential, 0)
-    right, top = load(lanes.width, 0) - radius, load(lanes.ceiling, 0) - radius
-    back = load(lanes.depth, 0) - radius
-    width = load(lanes.width, 0)
+    keep_normal, keep_tangential = (
+        load(parameters.keep_normal, 0),
+        load(parameters.keep_tangential, 0),
+    )
+    right, top = load(parameters.width, 0) - radius, load(parameters.ceiling, 0) - radius
+    back = load(parameters.depth, 0) - radius
+    width = load(parameters.width, 0)
     zero, one = splat(0.0), splat(1.0)
     for row in range(state.position.shape[1]):
         x, y = load(state.position[0], row), load(state.position[1], row)

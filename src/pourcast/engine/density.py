@@ -13,10 +13,14 @@ from pourcast.engine.walls import image_density
 
 
 @kernel
-def start_density(state: Any, lanes: Any) -> None:
+def start_density(state: Any, parameters: Any) -> None:
     """Each particle's own share of its density, and its mirror images' in the walls."""
-    inverse_support, zero = load(lanes.inverse_support, 0), splat(0.0)
-    width, depth, ceiling = load(lanes.width, 0), load(lanes.depth, 0), load(lanes.ceiling, 0)
+    inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
+    width, depth, ceiling = (
+        load(parameters.width, 0),
+        load(parameters.depth, 0),
+        load(parameters.ceiling, 0),
+    )
     for row in range(state.density.shape[0]):
         x, y = load(state.position[0], row), load(state.position[1], row)
         z = load(state.position[2], row)
@@ -27,11 +31,11 @@ def start_density(state: Any, lanes: Any) -> None:
 
 
 @kernel
-def add_pair_density(state: Any, lanes: Any) -> None:
+def add_pair_density(state: Any, parameters: Any) -> None:
     """Add the weights of all pairs of 16 simulations in lockstep."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     density = state.density
-    inverse_support, zero = load(lanes.inverse_support, 0), splat(0.0)
+    inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
     for i in range(density.shape[0]):
         xi, yi, zi = load(x, i), load(y, i), load(z, i)
         total = load(density, i)
@@ -44,8 +48,8 @@ def add_pair_density(state: Any, lanes: Any) -> None:
 
 
 @kernel
-def divide_by_rest_density(state: Any, lanes: Any) -> None:
+def divide_by_rest_density(state: Any, parameters: Any) -> None:
     """Turn the sums into densities over that at rest."""
-    scale = 1.0 / load(lanes.reference_density, 0)
+    scale = 1.0 / load(parameters.reference_density, 0)
     for row in range(state.density.shape[0]):
         store(state.density, row, load(state.density, row) * scale)

@@ -115,12 +115,14 @@ def allowed_gain(energy: float, count: int, gravity: float, radius: float, sound
 
 
 @kernel
-def measure(state: Any, lanes: Any, step: float, count: int, large: bool, found: Any) -> None:
+def measure(
+    state: Any, parameters: Any, step: float, count: int, large: bool, diagnostics: Any
+) -> None:
     """Write the diagnostics of all lanes, but for what `check` writes.
 
     Parameters
     ----------
-    state, lanes
+    state, parameters
         The particles and the parameters of their lanes; densities are those before the last step.
     step
         Length of that step [s]; 0 before the first.
@@ -128,20 +130,24 @@ def measure(state: Any, lanes: Any, step: float, count: int, large: bool, found:
         Number of particles of a simulation.
     large
         Whether the lanes are one large simulation.
-    found
+    diagnostics
         Receives the diagnostics.
     """
     fastest, highest, energy, outside = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
     zero, one, half_step = splat(0.0), splat(1.0), splat(0.5 * step)
-    gravity, radius = load(lanes.gravity, 0), load(lanes.radius, 0)
+    gravity, radius = load(parameters.gravity, 0), load(parameters.radius, 0)
     half_over_g = 0.5 / maximum(gravity, splat(1e-6))
-    inverse_support = load(lanes.inverse_support, 0)
+    inverse_support = load(parameters.inverse_support, 0)
     squared_sound_speed = (
-        load(lanes.pressure_factor, 0)
-        * load(lanes.reference_density, 0)
+        load(parameters.pressure_factor, 0)
+        * load(parameters.reference_density, 0)
         / (GRADIENT_FACTOR * inverse_support * inverse_support)
     )
-    width, depth, ceiling = load(lanes.width, 0), load(lanes.depth, 0), load(lanes.ceiling, 0)
+    width, depth, ceiling = (
+        load(parameters.width, 0),
+        load(parameters.depth, 0),
+        load(parameters.ceiling, 0),
+    )
     # A box narrower than a particle holds its centre beyond a wall.
     margin = _MARGIN * radius
     left, right = minimum(zero, width - radius) - margin, maximum(width, radius) + margin
@@ -169,39 +175,46 @@ def measure(state: Any, lanes: Any, step: float, count: int, large: bool, found:
         in_row = count - LANES * row if large else LANES
         energy = energy + first_lanes(of_row, in_row)
         outside = outside + first_lanes(one - inside, in_row)
-    store(found.squared_speed, 0, fastest)
-    store(found.head, 0, highest)
-    store(found.energy, 0, energy)
-    store(found.outside, 0, outside)
+    store(diagnostics.squared_speed, 0, fastest)
+    store(diagnostics.head, 0, highest)
+    store(diagnostics.energy, 0, energy)
+    store(diagnostics.outside, 0, outside)
     if large:
-        _join_lanes(found)
+        _join_lanes(diagnostics)
     for lane in range(LANES):
-        found.energy[lane] /= count
+        diagnostics.energy[lane] /= count
 
 
 @kernel
-def _join_lanes(found: Any) -> None:
+def _join_lanes(diagnostics: Any) -> None:
     """Write the diagnostics of all lanes together into each of them."""
     for lane in range(1, LANES):
-        found.squared_speed[0] = max(found.squared_speed[0], found.squared_speed[lane])
-        found.head[0] = max(found.head[0], found.head[lane])
-        found.energy[0] += found.energy[lane]
-        found.outside[0] += found.outside[lane]
-    for values in (found.squared_speed, found.head, found.energy, found.outside):
+        diagnostics.squared_speed[0] = max(
+            diagnostics.squared_speed[0], diagnostics.squared_speed[lane]
+        )
+        diagnostics.head[0] = max(diagnostics.head[0], diagnostics.head[lane])
+        diagnostics.energy[0] += diagnostics.energy[lane]
+        diagnostics.outside[0] += diagnostics.outside[lane]
+    for values in (
+        diagnostics.squared_speed,
+        diagnostics.head,
+        diagnostics.energy,
+        diagnostics.outside,
+    ):
         values[1:] = values[0]
 
 
 @kernel
-def check(state: Any, lanes: Any, step: float, found: Any) -> bool:
+def check(state: Any, parameters: Any, step: float, diagnostics: Any) -> bool:
     """Look for broken simulations, and begin the next frame's account.
 
     Parameters
     ----------
-    state, lanes
+    state, parameters
         The particles and the parameters of their lanes.
     step
         Time step [s].
-    found
+    diagnostics
         What `measure` has found; verdicts and least energies are written.
 
     Returns
@@ -211,29 +224,29 @@ def check(state: Any, lanes: Any, step: float, found: Any) -> bool:
     """
     sound = True
     for lane in range(LANES):
-        found.verdict[lane] = SOUND
-        if lanes.scene[lane] < 0:
+        diagnostics.verdict[lane] = SOUND
+        if parameters.scene[lane] < 0:
             continue
-        energy, squared_top_speed = float(found.energy[lane]), state.squared_top_speed[lane]
-        radius = float(lanes.radius[lane])
+        energy, squared_top_speed = float(diagnostics.energy[lane]), state.squared_top_speed[lane]
+        radius = float(parameters.radius[lane])
         if not (np.isfinite(energy) and np.isfinite(squared_top_speed)):
-            found.verdict[lane] = NOT_FINITE
-        elif found.outside[lane] > 0.0:
-            found.verdict[lane] = OUTSIDE
+            diagnostics.verdict[lane] = NOT_FINITE
+        elif diagnostics.outside[lane] > 0.0:
+            diagnostics.verdict[lane] = OUTSIDE
         elif step * step * squared_top_speed > radius * radius:
-            found.verdict[lane] = TOO_FAST
-        elif energy - found.least_energy[lane] > found.allowed_gain[lane]:
-            found.verdict[lane] = GAINS_ENERGY
-        sound = sound and found.verdict[lane] == SOUND
-        found.least_energy[lane] = min(found.least_energy[lane], energy)
+            diagnostics.verdict[lane] = TOO_FAST
+        elif energy - diagnostics.least_energy[lane] > diagnostics.allowed_gain[lane]:
+            diagnostics.verdict[lane] = GAINS_ENERGY
+        sound = sound and diagnostics.verdict[lane] == SOUND
+        diagnostics.least_energy[lane] = min(diagnostics.least_energy[lane], energy)
         state.squared_top_speed[lane] = 0.0
     return sound
 
 
 @kernel
 def measure_and_check(
-    state: Any, lanes: Any, step: float, count: int, large: bool, found: Any
+    state: Any, parameters: Any, step: float, count: int, large: bool, diagnostics: Any
 ) -> bool:
     """`measure` and `check` in one call; see there."""
-    measure(state, lanes, step, count, large, found)
-    return bool(check(state, lanes, step, found))
+    measure(state, parameters, step, count, large, diagnostics)
+    return bool(check(state, parameters, step, diagnostics))

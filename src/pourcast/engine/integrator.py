@@ -10,9 +10,9 @@ from pourcast.engine.simd import load, maximum, splat, store
 
 
 @kernel
-def integrate(state: Any, lanes: Any, step: float) -> None:
+def integrate(state: Any, parameters: Any, step: float) -> None:
     """One step under the forces found, gravity and damping; notes the greatest speed."""
-    gravity, damping = load(lanes.gravity, 0), load(lanes.damping, 0)
+    gravity, damping = load(parameters.gravity, 0), load(parameters.damping, 0)
     dt, zero = splat(step), splat(0.0)
     fastest = load(state.squared_top_speed, 0)
     for row in range(state.density.shape[0]):

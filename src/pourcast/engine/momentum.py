@@ -16,11 +16,18 @@ from pourcast.engine.walls import image_push
 
 
 @kernel
-def start_forces(state: Any, lanes: Any) -> None:
+def start_forces(state: Any, parameters: Any) -> None:
     """Pressure of each particle, and the walls' part of its acceleration."""
     zero = splat(0.0)
-    inverse_support, factor = load(lanes.inverse_support, 0), load(lanes.pressure_factor, 0)
-    width, depth, ceiling = load(lanes.width, 0), load(lanes.depth, 0), load(lanes.ceiling, 0)
+    inverse_support, factor = (
+        load(parameters.inverse_support, 0),
+        load(parameters.pressure_factor, 0),
+    )
+    width, depth, ceiling = (
+        load(parameters.width, 0),
+        load(parameters.depth, 0),
+        load(parameters.ceiling, 0),
+    )
     for row in range(state.density.shape[0]):
         pressure = pressure_term(load(state.density, row), zero)
         store(state.pressure, row, pressure)
@@ -51,16 +58,16 @@ def pair_push(
 
 
 @kernel
-def add_pair_forces(state: Any, lanes: Any) -> None:
+def add_pair_forces(state: Any, parameters: Any) -> None:
     """Pressure and artificial viscosity over all pairs of 16 simulations in lockstep."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     u, v, w = state.velocity[0], state.velocity[1], state.velocity[2]
     ax, ay, az = state.acceleration[0], state.acceleration[1], state.acceleration[2]
     density, pressure = state.density, state.pressure
-    inverse_support = load(lanes.inverse_support, 0)
-    pressure_factor = load(lanes.pressure_factor, 0)
-    viscosity_factor = load(lanes.viscosity_factor, 0)
-    separation_floor = load(lanes.separation_floor, 0)
+    inverse_support = load(parameters.inverse_support, 0)
+    pressure_factor = load(parameters.pressure_factor, 0)
+    viscosity_factor = load(parameters.viscosity_factor, 0)
+    separation_floor = load(parameters.separation_floor, 0)
     for i in range(density.shape[0]):
         xi, yi, zi = load(x, i), load(y, i), load(z, i)
         ui, vi, wi = load(u, i), load(v, i), load(w, i)

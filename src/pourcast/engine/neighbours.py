@@ -100,10 +100,10 @@ def sort_into_cells(position: Any, count: int, size: float) -> Any:
         cell[i] = index
         first[index + 1] += 1
     first = np.cumsum(first)
-    place, order = first.copy(), np.empty(count, np.int64)
+    next_free, order = first.copy(), np.empty(count, np.int64)
     for i in range(count):
-        order[place[cell[i]]] = i
-        place[cell[i]] += 1
+        order[next_free[cell[i]]] = i
+        next_free[cell[i]] += 1
     return order, first, grid
 
 
@@ -128,20 +128,20 @@ def list_pairs(position: Any, count: int, reach: float) -> Any:
     order, first, grid = sort_into_cells(position, count, reach)
     # With room for a whole vector at the end of each array.
     particle = np.zeros(count + LANES, np.int32)
-    place = np.zeros((3, count + LANES), position.dtype)
+    sorted_position = np.zeros((3, count + LANES), position.dtype)
     for k in range(count):
         particle[k] = order[k]
         for axis in range(3):
-            place[axis, k] = position[axis, order[k]]
+            sorted_position[axis, k] = position[axis, order[k]]
     start = np.zeros(count + 1, np.int64)
     partner = np.empty(40 * count + LANES, np.int32)
-    found = 0
+    pair_count = 0
     for cx, cy, cz in np.ndindex(grid[0], grid[1], grid[2]):
         cell = (cx * grid[1] + cy) * grid[2] + cz
         for k in range(first[cell], first[cell + 1]):
-            if found + count + LANES > len(partner):
+            if pair_count + count + LANES > len(partner):
                 longer = np.empty(2 * len(partner) + count, np.int32)
-                longer[:found] = partner[:found]
+                longer[:pair_count] = partner[:pair_count]
                 partner = longer
             # Earlier in the order: in the columns before, and in this one up to the particle.
             for nx in range(max(cx - 1, 0), cx + 1):
@@ -149,51 +149,57 @@ def list_pairs(position: Any, count: int, reach: float) -> Any:
                     line = (nx * grid[1] + ny) * grid[2]
                     begin = first[line + max(cz - LAYERS, 0)]
                     end = min(first[line + min(cz + LAYERS + 1, grid[2])], k)
-                    found = _append_near(place, particle, k, begin, end, reach, partner, found)
-            start[k + 1] = found
-    partner[found : found + LANES] = 0
+                    pair_count = _append_near(
+                        sorted_position, particle, k, begin, end, reach, partner, pair_count
+                    )
+            start[k + 1] = pair_count
+    partner[pair_count : pair_count + LANES] = 0
     return Pairs(
         order,
         start,
         partner,
         np.zeros(count + 1, np.int64),
-        np.zeros(found + LANES, np.int32),
+        np.zeros(pair_count + LANES, np.int32),
     )
 
 
 @kernel
 def _append_near(
-    place: Any,
+    sorted_position: Any,
     particle: Any,
     k: int,
     begin: int,
     end: int,
     reach: float,
     partner: Any,
-    found: int,
+    pair_count: int,
 ) -> int:
-    """Add what is within reach of the k-th of a range; returns how many are found by then."""
-    x, y, z = splat(place[0, k]), splat(place[1, k]), splat(place[2, k])
+    """Add what is within reach of the k-th of a range; returns how many there are by then."""
+    x, y, z = (
+        splat(sorted_position[0, k]),
+        splat(sorted_position[1, k]),
+        splat(sorted_position[2, k]),
+    )
     squared_reach = splat(reach * reach)
     for m in range(begin, end, LANES):
-        dx = x - load_from(place[0], m)
-        dy = y - load_from(place[1], m)
-        dz = z - load_from(place[2], m)
+        dx = x - load_from(sorted_position[0], m)
+        dy = y - load_from(sorted_position[1], m)
+        dz = z - load_from(sorted_position[2], m)
         r2 = dx * dx + dy * dy + dz * dz
-        found += append_less(r2, squared_reach, particle, m, end - m, partner, found)
-    return found
+        pair_count += append_less(r2, squared_reach, particle, m, end - m, partner, pair_count)
+    return pair_count
 
 
 @kernel
-def add_listed_density(state: Any, lanes: Any, pairs: Any) -> None:
+def add_listed_density(state: Any, parameters: Any, pairs: Any) -> None:
     """Kernel sum over the listed pairs; notes which of them are near."""
     size = state.density.size
     position = state.position.reshape(3, size)
     x, y, z = position[0], position[1], position[2]
     density = state.density.reshape(size)
-    inverse_support, zero = load(lanes.inverse_support, 0), splat(0.0)
+    inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
     squared_support = 1.0 / (inverse_support * inverse_support)
-    found = 0
+    near_count = 0
     for k in range(len(pairs.order)):
         i = pairs.order[k]
         xi, yi, zi, total = splat(x[i]), splat(y[i]), splat(z[i]), splat(0.0)
@@ -210,25 +216,25 @@ def add_listed_density(state: Any, lanes: Any, pairs: Any) -> None:
             scatter(
                 density, pairs.partner, first, count, gather(density, pairs.partner, first) + share
             )
-            found += append_less(
-                r2, squared_support, pairs.partner, first, count, pairs.near_partner, found
+            near_count += append_less(
+                r2, squared_support, pairs.partner, first, count, pairs.near_partner, near_count
             )
         density[i] += sum_lanes(total)
-        pairs.near_start[k + 1] = found
+        pairs.near_start[k + 1] = near_count
 
 
 @allocating_kernel
-def find_density(state: Any, lanes: Any, count: int) -> None:
+def find_density(state: Any, parameters: Any, count: int) -> None:
     """Density of one simulation of many particles, over that at rest."""
     position = state.position.reshape(3, state.density.size)
-    pairs = list_pairs(position, count, 1.0 / lanes.inverse_support[0])
-    start_density(state, lanes)
-    add_listed_density(state, lanes, pairs)
-    divide_by_rest_density(state, lanes)
+    pairs = list_pairs(position, count, 1.0 / parameters.inverse_support[0])
+    start_density(state, parameters)
+    add_listed_density(state, parameters, pairs)
+    divide_by_rest_density(state, parameters)
 
 
 @kernel
-def add_listed_forces(state: Any, lanes: Any, pairs: Any) -> None:
+def add_listed_forces(state: Any, parameters: Any, pairs: Any) -> None:
     """Pressure and artificial viscosity over the near pairs."""
     size = state.density.size
     position = state.position.reshape(3, size)
@@ -238,10 +244,10 @@ def add_listed_forces(state: Any, lanes: Any, pairs: Any) -> None:
     acceleration = state.acceleration.reshape(3, size)
     ax, ay, az = acceleration[0], acceleration[1], acceleration[2]
     density, pressure = state.density.reshape(size), state.pressure.reshape(size)
-    zero, inverse_support = splat(0.0), load(lanes.inverse_support, 0)
-    pressure_factor = load(lanes.pressure_factor, 0)
-    viscosity_factor = load(lanes.viscosity_factor, 0)
-    separation_floor = load(lanes.separation_floor, 0)
+    zero, inverse_support = splat(0.0), load(parameters.inverse_support, 0)
+    pressure_factor = load(parameters.pressure_factor, 0)
+    viscosity_factor = load(parameters.viscosity_factor, 0)
+    separation_floor = load(parameters.separation_floor, 0)
     near = pairs.near_partner
     for k in range(len(pairs.order)):
         i = pairs.order[k]
@@ -307,7 +313,7 @@ def farthest_from_common_motion(position: Any, listed: Any) -> float:
 
 @allocating_kernel
 def _permute(state: Any, order: Any) -> None:
-    """Let the particle in place ``order[k]`` be in place k; lists of near solids are void."""
+    """Move the particle at ``order[k]`` to k; lists of near solids are void."""
     size, count = state.density.size, len(order)
     for moved in (state.position, state.velocity):
         rows = moved.reshape(3, size)
@@ -320,7 +326,7 @@ def _permute(state: Any, order: Any) -> None:
 
 @allocating_kernel
 def advance_one(
-    state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps: int, count: int
+    state: Any, parameters: Any, solids: Any, broad_phase: Any, step: float, steps: int, count: int
 ) -> None:
     """Move one simulation of many particles on by a number of steps.
 
@@ -328,9 +334,9 @@ def advance_one(
     ----------
     state
         The particles, particle i in row i // 16, lane i % 16; changed in place.
-    lanes
+    parameters
         Parameters, the same in every lane.
-    solids, cells
+    solids, broad_phase
         Polygons and broad phase (`contact`).
     step
         Time step [s].
@@ -340,7 +346,7 @@ def advance_one(
         Number of particles; the slots beyond it are padding.
     """
     position = state.position.reshape(3, state.density.size)
-    support = 1.0 / lanes.inverse_support[0]
+    support = 1.0 / parameters.inverse_support[0]
     reach, allowed = (1.0 + SKIN) * support, 0.5 * SKIN * support
     # Neighbours in space become neighbours in memory, to be found in the cache.
     order = sort_into_cells(position, count, reach)[0]
@@ -351,12 +357,12 @@ def advance_one(
         if farthest_from_common_motion(position, listed) > allowed:
             pairs = list_pairs(position, count, reach)
             listed[:] = position[:, :count]
-        start_density(state, lanes)
-        add_listed_density(state, lanes, pairs)
-        divide_by_rest_density(state, lanes)
-        start_forces(state, lanes)
-        add_listed_forces(state, lanes, pairs)
-        integrate(state, lanes, step)
-        collide_with_box(state, lanes)
-        collide_with_polygons(state, lanes, solids, cells)
+        start_density(state, parameters)
+        add_listed_density(state, parameters, pairs)
+        divide_by_rest_density(state, parameters)
+        start_forces(state, parameters)
+        add_listed_forces(state, parameters, pairs)
+        integrate(state, parameters, step)
+        collide_with_box(state, parameters)
+        collide_with_polygons(state, parameters, solids, broad_phase)
     _permute(state, np.argsort(order))

@@ -74,21 +74,21 @@ def unit_cylinder_packing(count: int, aspect: float) -> NDArray[np.float64]:
     return centres
 
 
-def _push(place: NDArray[np.float64], aspect: float, spacing: float) -> NDArray[np.float64]:
+def _push(position: NDArray[np.float64], aspect: float, spacing: float) -> NDArray[np.float64]:
     """Displacements that part close pairs, and move particles off the surface of the cylinder."""
     reach = _PUSH_REACH * spacing
-    pairs = KDTree(place).query_pairs(reach, output_type="ndarray")
-    apart = place[pairs[:, 0]] - place[pairs[:, 1]]
+    pairs = KDTree(position).query_pairs(reach, output_type="ndarray")
+    apart = position[pairs[:, 0]] - position[pairs[:, 1]]
     apart *= _weight(np.linalg.norm(apart, axis=1), reach)[:, None]
-    push = np.zeros_like(place)
+    push = np.zeros_like(position)
     np.add.at(push, pairs[:, 0], apart)
     np.subtract.at(push, pairs[:, 1], apart)
     # A particle's mirror image in a surface is twice as far off as the surface.
-    distance = np.hypot(place[:, 0], place[:, 1])
+    distance = np.hypot(position[:, 0], position[:, 1])
     gap = 2.0 * (1.0 - distance)
     inward = gap * _weight(gap, reach) / np.maximum(distance, 1e-12)
-    push[:, :2] -= inward[:, None] * place[:, :2]
-    for gap, sign in ((2.0 * place[:, 2], 1.0), (2.0 * (aspect - place[:, 2]), -1.0)):
+    push[:, :2] -= inward[:, None] * position[:, :2]
+    for gap, sign in ((2.0 * position[:, 2], 1.0), (2.0 * (aspect - position[:, 2]), -1.0)):
         push[:, 2] += sign * gap * _weight(gap, reach)
     return push
 
@@ -97,14 +97,14 @@ def _weight(gap: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
     return np.maximum(1.0 - gap / reach, 0.0) ** 3
 
 
-def _inside(place: NDArray[np.float64], aspect: float, spacing: float) -> NDArray[np.float64]:
+def _inside(position: NDArray[np.float64], aspect: float, spacing: float) -> NDArray[np.float64]:
     """Particles kept within the cylinder, half a spacing off its flat ends."""
     margin = min(_RIM_MARGIN * spacing, 0.5)
-    distance = np.hypot(place[:, 0], place[:, 1])
-    place[:, :2] *= np.minimum(1.0, (1.0 - margin) / np.maximum(distance, 1e-12))[:, None]
+    distance = np.hypot(position[:, 0], position[:, 1])
+    position[:, :2] *= np.minimum(1.0, (1.0 - margin) / np.maximum(distance, 1e-12))[:, None]
     end = 0.5 * min(spacing, aspect)
-    place[:, 2] = np.clip(place[:, 2], end, aspect - end)
-    return place
+    position[:, 2] = np.clip(position[:, 2], end, aspect - end)
+    return position
 
 
 def pack_cylinder(
@@ -155,15 +155,15 @@ def reference_density(position: NDArray[np.float32], support_radius: float, dept
     float
         Kernel sum, at least 1 (a particle's own share).
     """
-    place = position.astype(np.float64)
-    sums = np.ones(len(place))
-    pairs = KDTree(place).query_pairs(support_radius, output_type="ndarray")
-    gaps = np.linalg.norm(place[pairs[:, 0]] - place[pairs[:, 1]], axis=1)
+    position = position.astype(np.float64)
+    sums = np.ones(len(position))
+    pairs = KDTree(position).query_pairs(support_radius, output_type="ndarray")
+    gaps = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     near = 1.0 - gaps / support_radius
     shares = near**4 * (5.0 - 4.0 * near)
     for side in range(2):
         np.add.at(sums, pairs[:, side], shares)
-    wall_gap = 2.0 * np.minimum(place[:, 2], depth - place[:, 2])
+    wall_gap = 2.0 * np.minimum(position[:, 2], depth - position[:, 2])
     near = np.maximum(1.0 - wall_gap / support_radius, 0.0)
     sums += near**4 * (5.0 - 4.0 * near)
     return float(sums.max())

@@ -27,11 +27,11 @@ PASSES = 4
 
 
 @kernel
-def collide_spheres(state: Any, lanes: Any) -> None:
+def collide_spheres(state: Any, parameters: Any) -> None:
     """One sweep over all pairs: no approach and no overlap along the line of centres."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     u, v, w = state.velocity[0], state.velocity[1], state.velocity[2]
-    diameter = 2.0 * load(lanes.radius, 0)
+    diameter = 2.0 * load(parameters.radius, 0)
     touching = diameter * diameter
     zero, tiny = splat(0.0), splat(1e-12)
     for i in range(1, state.density.shape[0]):
@@ -63,16 +63,18 @@ def collide_spheres(state: Any, lanes: Any) -> None:
 
 
 @kernel
-def advance(state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps: int) -> None:
+def advance(
+    state: Any, parameters: Any, solids: Any, broad_phase: Any, step: float, steps: int
+) -> None:
     """Move 16 simulations of spheres on by a number of steps.
 
     Parameters
     ----------
     state
         The spheres; changed in place. Their acceleration must be zero.
-    lanes
+    parameters
         Parameters of the lanes.
-    solids, cells
+    solids, broad_phase
         Polygons and broad phase (`contact`).
     step
         Time step [s].
@@ -80,8 +82,8 @@ def advance(state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps:
         How many.
     """
     for _ in range(steps):
-        integrate(state, lanes, step)
+        integrate(state, parameters, step)
         for _ in range(PASSES):
-            collide_spheres(state, lanes)
-            collide_with_box(state, lanes)
-            collide_with_polygons(state, lanes, solids, cells)
+            collide_spheres(state, parameters)
+            collide_with_box(state, parameters)
+            collide_with_polygons(state, parameters, solids, broad_phase)

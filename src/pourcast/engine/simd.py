@@ -98,16 +98,16 @@ for _operator, _instruction in (
 
 
 def _row_pointer(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    place = builder.mul(args[1], ir.Constant(args[1].type, LANES))
-    return _place_pointer(context, builder, sig.args[0], args[0], place)
+    index = builder.mul(args[1], ir.Constant(args[1].type, LANES))
+    return _pointer_at(context, builder, sig.args[0], args[0], index)
 
 
-def _place_pointer(
-    context: Any, builder: Any, array_type: Any, array: Any, place: Any, content: Any = _VECTOR
+def _pointer_at(
+    context: Any, builder: Any, array_type: Any, array: Any, index: Any, content: Any = _VECTOR
 ) -> Any:
-    """Pointer to 16 values of a C-contiguous array from a place on."""
+    """Pointer to 16 values of a C-contiguous array from an index on."""
     data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [place]), content.as_pointer())
+    return builder.bitcast(builder.gep(data, [index]), content.as_pointer())
 
 
 def _intrinsic_function(builder: Any, name: str, result: Any, arguments: Any) -> Any:
@@ -123,15 +123,15 @@ def _before(builder: Any, count: Any) -> Any:
 
 
 def _listed_pointers(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    """Pointers to the values of an array, args[0], at places listed in args[1] from args[2] on."""
+    """Pointers to values of an array, args[0], at the indices listed in args[1] from args[2] on."""
     data = context.make_array(sig.args[0])(context, builder, args[0]).data
-    places = builder.load(
-        _place_pointer(context, builder, sig.args[1], args[1], args[2], _INDICES), align=4
+    indices = builder.load(
+        _pointer_at(context, builder, sig.args[1], args[1], args[2], _INDICES), align=4
     )
     # llvmlite's getelementptr takes no vector of indices.
     wide = ir.VectorType(ir.IntType(64), LANES)
     start = _broadcast(builder, builder.ptrtoint(data, wide.element))
-    offsets = builder.mul(builder.sext(places, wide), ir.Constant(wide, [_FLOAT_SIZE] * LANES))
+    offsets = builder.mul(builder.sext(indices, wide), ir.Constant(wide, [_FLOAT_SIZE] * LANES))
     pointers = ir.VectorType(data.type, LANES)
     return builder.inttoptr(builder.add(start, offsets), pointers)
 
@@ -198,28 +198,28 @@ if numba.config.DISABLE_JIT:
         """NumPy's mode is not ours to set."""
 
     def load_from(array: Any, first: int) -> Any:
-        """The 16 values of a float32 array from place `first` on."""
+        """The 16 values of a float32 array from index `first` on."""
         return array[first : first + LANES].copy()
 
     def append_less(
-        a: Any, b: Any, source: Any, first: int, count: int, target: Any, place: int
+        a: Any, b: Any, source: Any, first: int, count: int, target: Any, index: int
     ) -> int:
-        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `place` on.
+        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `index` on.
 
         Of the lanes, the first `count` are looked at. Returns how many were copied. `target` must
-        have 16 places from `place` on; those that nothing is copied to may become 0.
+        have room for 16 from `index` on; those that nothing is copied to may become 0.
         """
         chosen = source[first : first + LANES][(a < b) & (np.arange(LANES) < count)]
-        target[place : place + len(chosen)] = chosen
+        target[index : index + len(chosen)] = chosen
         return len(chosen)
 
-    def gather(array: Any, places: Any, first: int) -> Any:
-        """Values of a float32 array at the 16 places (int32) listed from `first` on."""
-        return array[places[first : first + LANES]]
+    def gather(array: Any, indices: Any, first: int) -> Any:
+        """Values of a float32 array at the 16 indices (int32) listed from `first` on."""
+        return array[indices[first : first + LANES]]
 
-    def scatter(array: Any, places: Any, first: int, count: int, value: Any) -> None:
-        """Write the first `count` lanes to the places listed from `first` on, all different."""
-        listed = places[first : first + min(count, LANES)]
+    def scatter(array: Any, indices: Any, first: int, count: int, value: Any) -> None:
+        """Write the first `count` lanes to the indices listed from `first` on, all different."""
+        listed = indices[first : first + min(count, LANES)]
         array[listed] = value[: len(listed)]
 
     def first_lanes(value: Any, count: int) -> Any:
@@ -327,10 +327,10 @@ else:
 
     @intrinsic  # type: ignore[untyped-decorator]
     def load_from(typingctx: Any, array: Any, first: Any) -> Any:
-        """The 16 values of a float32 array from place `first` on."""
+        """The 16 values of a float32 array from index `first` on."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            return builder.load(_place_pointer(context, builder, sig.args[0], *args), align=4)
+            return builder.load(_pointer_at(context, builder, sig.args[0], *args), align=4)
 
         return vector(array, types.intp), generate
 
@@ -343,19 +343,19 @@ else:
         first: Any,
         count: Any,
         target: Any,
-        place: Any,
+        index: Any,
     ) -> Any:
-        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `place` on.
+        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `index` on.
 
         Of the lanes, the first `count` are looked at. Returns how many were copied. `target` must
-        have 16 places from `place` on; those that nothing is copied to may become 0.
+        have room for 16 from `index` on; those that nothing is copied to may become 0.
         """
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            a, b, source, first, count, target, place = args
+            a, b, source, first, count, target, index = args
             mask = builder.and_(builder.fcmp_ordered("<", a, b), _before(builder, count))
             values = builder.load(
-                _place_pointer(context, builder, sig.args[2], source, first, _INDICES), align=4
+                _pointer_at(context, builder, sig.args[2], source, first, _INDICES), align=4
             )
             compress = _intrinsic_function(
                 builder,
@@ -366,20 +366,20 @@ else:
             packed = builder.call(compress, [values, mask, ir.Constant(_INDICES, None)])
             builder.store(
                 packed,
-                _place_pointer(context, builder, sig.args[5], target, place, _INDICES),
+                _pointer_at(context, builder, sig.args[5], target, index, _INDICES),
                 align=4,
             )
             chosen = builder.ctpop(builder.bitcast(mask, ir.IntType(LANES)))
             return builder.zext(chosen, first.type)
 
-        place_type = types.intp
-        return place_type(
-            vector, vector, source, place_type, place_type, target, place_type
+        index_type = types.intp
+        return index_type(
+            vector, vector, source, index_type, index_type, target, index_type
         ), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def gather(typingctx: Any, array: Any, places: Any, first: Any) -> Any:
-        """Values of a float32 array at the 16 places (int32) listed from `first` on."""
+    def gather(typingctx: Any, array: Any, indices: Any, first: Any) -> Any:
+        """Values of a float32 array at the 16 indices (int32) listed from `first` on."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             pointers = _listed_pointers(context, builder, sig, args)
@@ -393,11 +393,13 @@ else:
             )
             return builder.call(function, arguments)
 
-        return vector(array, places, types.intp), generate
+        return vector(array, indices, types.intp), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def scatter(typingctx: Any, array: Any, places: Any, first: Any, count: Any, value: Any) -> Any:
-        """Write the first `count` lanes to the places listed from `first` on, all different."""
+    def scatter(
+        typingctx: Any, array: Any, indices: Any, first: Any, count: Any, value: Any
+    ) -> Any:
+        """Write the first `count` lanes to the indices listed from `first` on, all different."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             pointers = _listed_pointers(context, builder, sig, args)
@@ -411,7 +413,7 @@ else:
             builder.call(function, arguments)
             return context.get_dummy_value()
 
-        return types.void(array, places, types.intp, types.intp, vector), generate
+        return types.void(array, indices, types.intp, types.intp, vector), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
     def first_lanes(typingctx: Any, value: Any, count: Any) -> Any:

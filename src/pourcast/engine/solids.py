@@ -38,7 +38,7 @@ class Solids(NamedTuple):
     """Whether a polygon belongs to the goal (divider, cup), shape [polygon_count]."""
 
 
-class Cells(NamedTuple):
+class BroadPhase(NamedTuple):
     """Broad phase: the polygons near each cell of a grid over each scene."""
 
     inverse_size: NDArray[np.float64]
@@ -140,7 +140,7 @@ def _bounding_circles(solids: Any) -> Any:
 
 
 @allocating_kernel
-def build_cells(solids: Any, extents: Any, reach: float, begin: int, end: int) -> Any:
+def build_broad_phase(solids: Any, extents: Any, reach: float, begin: int, end: int) -> Any:
     """List, for each cell of some scenes, the polygons within reach of it.
 
     Parameters
@@ -157,13 +157,13 @@ def build_cells(solids: Any, extents: Any, reach: float, begin: int, end: int) -
     Returns
     -------
     inverse_size, start, polygons, clearance
-        The fields of `Cells` for these scenes.
+        The fields of `BroadPhase` for these scenes.
     """
     scene_count = end - begin
     inverse_size = np.empty((scene_count, 2))
     start = np.zeros(scene_count * CELLS_X * CELLS_Y + 1, dtype=np.int64)
     clearance = np.empty(scene_count * CELLS_X * CELLS_Y)
-    found = [np.int64(0) for _ in range(0)]
+    listed = [np.int64(0) for _ in range(0)]
     circles = _bounding_circles(solids)
     cell = 0
     for scene in range(begin, end):
@@ -184,21 +184,21 @@ def build_cells(solids: Any, extents: Any, reach: float, begin: int, end: int) -
                     distance = signed_distance(x, y, polygon, solids)
                     nearest = min(nearest, distance)
                     if distance <= reach + half_diagonal:
-                        found.append(np.int64(polygon))
+                        listed.append(np.int64(polygon))
                 clearance[cell] = nearest - half_diagonal
                 cell += 1
-                start[cell] = len(found)
-    polygons = np.empty(len(found), dtype=np.int64)
-    for k in range(len(found)):
-        polygons[k] = found[k]
+                start[cell] = len(listed)
+    polygons = np.empty(len(listed), dtype=np.int64)
+    for k in range(len(listed)):
+        polygons[k] = listed[k]
     return inverse_size, start, polygons, clearance
 
 
-def join_cells(shares: Sequence[Cells]) -> Cells:
+def join_broad_phases(shares: Sequence[BroadPhase]) -> BroadPhase:
     """Cells of all scenes from those of some of them at a time, in order."""
     offsets = np.cumsum([0] + [len(share.polygons) for share in shares])
     starts = [share.start[:-1] + at for share, at in zip(shares, offsets[:-1], strict=True)]
-    return Cells(
+    return BroadPhase(
         inverse_size=np.concatenate([share.inverse_size for share in shares]),
         start=np.concatenate([*starts, offsets[-1:]]),
         polygons=np.concatenate([share.polygons for share in shares]),
@@ -223,20 +223,20 @@ def grid_index(cells_along: float, count: int) -> int:
 
 
 @kernel
-def cell_of(x: float, y: float, scene: int, cells: Any) -> int:
+def cell_of(x: float, y: float, scene: int, broad_phase: Any) -> int:
     """Index of the cell that holds a point; points outside belong to the nearest cell."""
-    column = grid_index(x * cells.inverse_size[scene, 0], CELLS_X)
-    row = grid_index(y * cells.inverse_size[scene, 1], CELLS_Y)
+    column = grid_index(x * broad_phase.inverse_size[scene, 0], CELLS_X)
+    row = grid_index(y * broad_phase.inverse_size[scene, 1], CELLS_Y)
     return (scene * CELLS_Y + row) * CELLS_X + column
 
 
 @allocating_kernel
-def obstacle_distances(places: Any, scene: int, solids: Any) -> Any:
+def obstacle_distances(points: Any, scene: int, solids: Any) -> Any:
     """Distance of points from a scene's nearest obstacle, the goal's parts left out.
 
     Parameters
     ----------
-    places
+    points
         Points in the x-y plane [m], shape [point_count, 2].
     scene
         Index of the scene.
@@ -248,11 +248,11 @@ def obstacle_distances(places: Any, scene: int, solids: Any) -> Any:
     ndarray
         Signed distances [m], shape [point_count]; infinite without obstacles.
     """
-    nearest = np.full(len(places), np.inf)
+    nearest = np.full(len(points), np.inf)
     for polygon in range(solids.scene_start[scene], solids.scene_start[scene + 1]):
         if solids.is_goal[polygon]:
             continue
-        for k in range(len(places)):
-            gap = signed_distance(places[k, 0], places[k, 1], polygon, solids)
+        for k in range(len(points)):
+            gap = signed_distance(points[k, 0], points[k, 1], polygon, solids)
             nearest[k] = min(nearest[k], gap)
     return nearest

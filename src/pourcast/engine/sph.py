@@ -16,32 +16,34 @@ from pourcast.engine.momentum import add_pair_forces, start_forces
 
 
 @kernel
-def find_density(state: Any, lanes: Any) -> None:
+def find_density(state: Any, parameters: Any) -> None:
     """Density of 16 simulations in lockstep, over that at rest."""
-    start_density(state, lanes)
-    add_pair_density(state, lanes)
-    divide_by_rest_density(state, lanes)
+    start_density(state, parameters)
+    add_pair_density(state, parameters)
+    divide_by_rest_density(state, parameters)
 
 
 @kernel
-def find_forces(state: Any, lanes: Any) -> None:
+def find_forces(state: Any, parameters: Any) -> None:
     """Density, pressure and forces of 16 simulations in lockstep."""
-    find_density(state, lanes)
-    start_forces(state, lanes)
-    add_pair_forces(state, lanes)
+    find_density(state, parameters)
+    start_forces(state, parameters)
+    add_pair_forces(state, parameters)
 
 
 @kernel
-def advance(state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps: int) -> None:
+def advance(
+    state: Any, parameters: Any, solids: Any, broad_phase: Any, step: float, steps: int
+) -> None:
     """Move 16 simulations on by a number of steps.
 
     Parameters
     ----------
     state
         The particles; changed in place.
-    lanes
+    parameters
         Parameters of the lanes.
-    solids, cells
+    solids, broad_phase
         Polygons and broad phase (`contact`).
     step
         Time step [s].
@@ -49,7 +51,7 @@ def advance(state: Any, lanes: Any, solids: Any, cells: Any, step: float, steps:
         How many.
     """
     for _ in range(steps):
-        find_forces(state, lanes)
-        integrate(state, lanes, step)
-        collide_with_box(state, lanes)
-        collide_with_polygons(state, lanes, solids, cells)
+        find_forces(state, parameters)
+        integrate(state, parameters, step)
+        collide_with_box(state, parameters)
+        collide_with_polygons(state, parameters, solids, broad_phase)

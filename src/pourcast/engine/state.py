@@ -1,6 +1,6 @@
 """Arrays that the kernels work on: the state of a block and the parameters of its lanes.
 
-The last axis of every array has 16 places (`simd.LANES`). A block holds either
+The last axis of every array has 16 values (`simd.LANES`). A block holds either
 16 simulations of N particles in lockstep (row = particle, lane = simulation)
 or one large simulation (row * 16 + lane = particle). Everything that happens
 to a particle by itself is the same code in both.
@@ -59,7 +59,7 @@ class State(NamedTuple):
     """1 for an obstacle, 0 for a part of the goal, shape [NEAR_POLYGONS, row_count, 16]."""
 
 
-class Lanes(NamedTuple):
+class LaneParameters(NamedTuple):
     """Parameters of the 16 lanes of a block, each of shape [16]."""
 
     scene: NDArray[np.int64]
@@ -108,7 +108,7 @@ def empty_state(row_count: int) -> State:
     )
 
 
-def empty_lanes() -> Lanes:
+def empty_parameters() -> LaneParameters:
     """Parameters of a block without simulations; harmless values, no scene."""
-    ones = {name: np.ones(LANES, np.float32) for name in Lanes._fields if name != "scene"}
-    return Lanes(scene=np.full(LANES, -1, np.int64), **ones)
+    ones = {name: np.ones(LANES, np.float32) for name in LaneParameters._fields if name != "scene"}
+    return LaneParameters(scene=np.full(LANES, -1, np.int64), **ones)

@@ -1,7 +1,4 @@
-"""From scenes to the end of a pour: scenes and liquids in, judgments and positions out.
-
-This is the only place where scenes become the engine's arrays.
-"""
+"""What is to be run, and how it ended: a scene, a liquid and numbers; a judgment and positions."""
 
 import math
 from dataclasses import dataclass

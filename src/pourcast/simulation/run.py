@@ -119,15 +119,15 @@ def _name(pour: Pour, settings: EngineSettings) -> str:
 
 def _solids_of(pours: Sequence[Pour]) -> tuple[Solids, list[int]]:
     """Polygons of all different scenes, and each pour's scene among them."""
-    place: dict[int, int] = {}
+    index_of: dict[int, int] = {}
     scenes: list[Scene] = []
     indices = []
     for pour in pours:
         key = id(pour.scene)
-        if key not in place:
-            place[key] = len(scenes)
+        if key not in index_of:
+            index_of[key] = len(scenes)
             scenes.append(pour.scene)
-        indices.append(place[key])
+        indices.append(index_of[key])
     polygons = [
         [(np.array(p), False) for p in scene.obstacles]
         + [(np.array(p), True) for p in scene.goal.solids]
@@ -163,13 +163,13 @@ def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
 
 
 def _outcome(pour: Pour, job: Job, result: Result, solids: Solids) -> Outcome:
-    goal, place = pour.scene.goal, result.position.astype(np.float64)
-    held = [goal.holds(x, y) for x, y in place[:, :2]]
-    gap = obstacle_distances(place[:, :2], job.scene, solids)
+    goal, position = pour.scene.goal, result.position.astype(np.float64)
+    held = [goal.holds(x, y) for x, y in position[:, :2]]
+    gap = obstacle_distances(position[:, :2], job.scene, solids)
     on_obstacle = gap < job.radius * (1.0 + TOUCH_SKIN)
     return Outcome(
         judgment=float(np.mean(held)),
-        stranded=float(np.mean(on_obstacle | (place[:, 1] > goal.rim))),
+        stranded=float(np.mean(on_obstacle | (position[:, 1] > goal.rim))),
         touched=float(np.mean(result.touched)),
         time=result.time,
         settled=result.settled,
