@@ -37,7 +37,8 @@ CountOption = Annotated[
 CandidatesOption = Annotated[
     int | None,
     typer.Option(
-        min=1, help="Size of the pool that scenes are chosen from, if they are [as the experiment says]."
+        min=1,
+        help="Size of the pool that scenes are chosen from, if they are [as the experiment says].",
     ),
 ]
 
