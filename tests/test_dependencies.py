@@ -13,12 +13,13 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 
-OURS = {"pourcast", "tests", "benchmarks"}
+OURS = {"pourcast", "tests", "benchmarks", "somebody"}
+"""Packages of this repository; `somebody`'s is written by `tests/sweep/test_versions.py`."""
 
 OTHERWISE_CALLED = {"mathutils": "bpy", "warp": "warp-lang"}
 """Module -> distribution, where the names differ and it may not be installed here."""
 
-MAY_BE_MISSING = {"importorskip", "optional_module", "find_spec", "import_module"}
+MAY_BE_MISSING = {"importorskip", "optional_module", "find_spec"}
 """Functions whose first argument is a module."""
 
 

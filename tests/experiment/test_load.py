@@ -1,6 +1,6 @@
 """Two hundred participants at once: every answer acknowledged, soon.
 
-How soon is measured beside the least that can keep an answer (`bare_server`) under the same load:
+How soon is measured beside the least that can keep an answer (`bare_server`), in the same minute:
 what a machine and its disk make of that is no matter of ours.
 
 The load is bounded in number and time, and goes to this machine only. Run with `pytest -m slow`.
@@ -19,7 +19,7 @@ from tests.experiment.conftest import fresh_database
 from tests.experiment.make import EXP1, answer, small_study
 from tests.experiment.server_process import ServerProcess
 
-PEOPLE, SECONDS, YARDSTICK_SECONDS = 200, 60, 15
+PEOPLE, YARDSTICKS, SECONDS = 200, 40, 60
 
 
 class Client:
@@ -43,15 +43,15 @@ class Client:
         text = await self.reader.readexactly(length)
         return int(answered.split(b" ")[1]), json.loads(text)
 
-    async def take_part(self, key, begin_at, seconds, times):
+    async def take_part(self, key, begin_at, times):
         """Begin, then answer once a second; how long each answer took goes to `times` [s]."""
         loop = asyncio.get_running_loop()
         await self.connect()
         content = {"request": f"request-{self.number}", "tab": f"tab-{self.number:08}"}
         status, told = await self.ask("POST", "/api/sessions", content | {"link": {"lab": key}})
         assert status == 201
-        steps = told["steps"] or [{"seq": k, "kind": "judgment"} for k in range(seconds)]
-        for k, step in enumerate(steps[:seconds]):
+        steps = told["steps"] or [{"seq": k, "kind": "judgment"} for k in range(SECONDS)]
+        for k, step in enumerate(steps[:SECONDS]):
             await asyncio.sleep(max(0.0, begin_at + k + self.number / PEOPLE - loop.time()))
             began = loop.time()
             status, said = await self.ask(
@@ -64,13 +64,17 @@ class Client:
         await self.writer.wait_closed()
 
 
-async def run_load(port, key, seconds):
-    times = []
+async def run_load(port, key, bare_port):
+    """Seconds that answers took: those of the experiment's server, and of the bare one."""
     # All come within some seconds, then answer once a second.
     begin_at = asyncio.get_running_loop().time() + 8.0
-    people = [Client(port, number) for number in range(PEOPLE)]
-    await asyncio.gather(*(one.take_part(key, begin_at, seconds, times) for one in people))
-    return np.array(times)
+    times, least = [], []
+    people = [Client(port, k).take_part(key, begin_at, times) for k in range(PEOPLE)]
+    # Spread over the same second.
+    numbers = range(0, PEOPLE, PEOPLE // YARDSTICKS)
+    people += [Client(bare_port, k).take_part("", begin_at, least) for k in numbers]
+    await asyncio.gather(*people)
+    return np.array(times), np.array(least)
 
 
 @contextmanager
@@ -98,11 +102,12 @@ def test_two_hundred_participants_a_trial_a_second_for_a_minute(tmp_path, reques
 
 
 def _load(study, *options):
-    with bare_server(study.parent) as port:
-        least = asyncio.run(run_load(port, "", YARDSTICK_SECONDS))
-    with ServerProcess(study, *options) as server:
-        times = asyncio.run(run_load(server.port, server.lab.rpartition("=")[2], SECONDS))
+    with bare_server(study.parent) as bare, ServerProcess(study, *options) as server:
+        key = server.lab.rpartition("=")[2]
+        times, least = asyncio.run(run_load(server.port, key, bare))
     for who, taken in (("bare", least), ("server", times)):
         print(f"{who}: {len(taken)} records; p50, p99, most {np.quantile(taken, [0.5, 0.99, 1])} s")
-    assert len(times) == PEOPLE * SECONDS
-    assert np.quantile(times, 0.99) < 25 * np.quantile(least, 0.99)
+    assert (len(times), len(least)) == (PEOPLE * SECONDS, YARDSTICKS * SECONDS)
+    # Measured, with load enough from others: 3.4 and 14 times.
+    for share, allowed in ((0.5, 10), (0.99, 50)):
+        assert np.quantile(times, share) < allowed * np.quantile(least, share)
