@@ -18,8 +18,8 @@ def test_a_plan_is_measured_and_scaled(monkeypatch, capsys):
         "parameters = { n_particles = 15, zeta_sigma = 0, damping_zeta = [5, 9] }\n"
         '[[models]]\nmodel = "gravity"\n'
     )
-    monkeypatch.setattr(bench, "read_grid", lambda name: parse_grid(text, name, name))
-    monkeypatch.setattr(bench, "PAPER_GRIDS", {"paper-exp2": 60})
+    monkeypatch.setattr(bench, "experiment_grid", lambda one: parse_grid(text, one.name, "grid"))
+    monkeypatch.setattr(bench, "PAPER", ("exp2",))
     assert cli.run(["bench", "--plan", "paper", "--share", "0.01", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [row["simulations"] for row in rows] == [120, 60]

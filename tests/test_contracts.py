@@ -56,7 +56,7 @@ def test_an_experiments_names_are_known(experiment):
         assert make_model(experiment.observer_model(name))
     assert set(experiment.mirrored) <= set(experiment.shown_liquids)
     assert all(make_model(spec) for spec in experiment.models)
-    assert next(experiment_grid(experiment).asked())
+    assert next(experiment_grid(experiment).points())
 
 
 def test_an_experiments_scenes_can_be_chosen(experiment):

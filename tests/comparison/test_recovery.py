@@ -13,7 +13,6 @@ from pourcast.comparison.recovery import (
 )
 from pourcast.errors import InputError
 from pourcast.models.base import zeta_window
-from pourcast.observers.responses import HEADS
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene_file import write_scenes
 from pourcast.simulation.pour import Pour
@@ -147,7 +146,7 @@ SMALL = {"observers": 5, "studies": 4, **COMMON}
 
 def test_a_parameter_of_a_study_is_recovered_from_its_tables(folder):
     found = recover_parameter(folder, "damping_zeta", "water", spread=0.0, **SMALL)
-    assert found.title == f"{HEADS['water']}: damping_zeta"
+    assert found.title == "water-ife: damping_zeta"
     assert list(found.table.index) == list(range(17))
     simple = recover_parameter(folder, "m", "honey", "simple:g=0", spread=0.0, **SMALL)
     assert simple.title == "simple:g=0: m"

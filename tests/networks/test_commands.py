@@ -35,9 +35,9 @@ def run(capsys, *arguments, code=0):
 @pytest.fixture(scope="module", autouse=True)
 def _few_held_out_scenes():
     assert pair.HELD_OUT == 120
-    request = partial(pair.Request, held_out=HELD_OUT)
+    request = partial(pair.NetworkRequest, held_out=HELD_OUT)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pair, "Request", request)
+        patch.setattr(pair, "NetworkRequest", request)
         patch.setattr("pourcast.report.reproduction.NetworkRequest", request)
         yield
 

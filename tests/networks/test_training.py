@@ -8,6 +8,7 @@ from pourcast.networks.backbones import make_backbone
 from pourcast.networks.network import Network, Recipe
 from pourcast.networks.training import learner, pair
 from pourcast.networks.training.learner import Examples, Training, split, stages_of, train
+from pourcast.progress import no_report
 from tests.networks.make import SMALL, card_of, scenes_of
 from tests.networks.test_data import digests
 
@@ -63,7 +64,7 @@ def test_layers_that_do_not_learn_stay_as_they_are(tmp_path, monkeypatch):
     assert [name for name in changed if "num_batches" not in name] == list(before)[-2:]
 
 
-def weights_after(tmp_path, recipe, report=None, seed=0, **options):
+def weights_after(tmp_path, recipe, report=no_report, seed=0, **options):
     some = examples(40)
     learned, validation = split(some, 0)
     model = fresh(recipe)

@@ -91,3 +91,11 @@ def test_one_participant_tells_nothing_of_noise():
     one = np.random.default_rng(0).random((1, 6))
     assert np.isnan(reliability(one))
     assert np.isnan(reliability(one, np.ones((3, 6)))).all()
+
+
+def test_resamples_without_any_spread_are_no_number_and_warn_of_nothing():
+    responses = np.array([[0.1, 0.5, 0.9], [0.2, 0.4, 0.7], [0.0, 0.6, 0.8]])
+    counts = np.array([[3, 0, 0], [0, 0, 3], [1, 1, 1]])
+    shares = reliability(responses, counts)
+    assert np.isnan(shares[:2]).all()
+    assert 0.0 < shares[2] < 1.0

@@ -136,9 +136,11 @@ def reliability(responses: Array, scene_counts: Array | None = None) -> Array:
     weights = counts * usable
     total = weights.sum(axis=1)
     y = np.where(usable, means - np.mean(means[usable]), 0.0)
-    # n - 1, as in an unbiased variance of the scenes that were drawn.
-    spread = (weights @ (y * y) - (weights @ y) ** 2 / total) / (total - 1.0)
-    share = 1.0 - (weights @ error) / total / spread
+    # A resample of one scene again and again has no spread: what is no number is left out below.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # n - 1, as in an unbiased variance of the scenes that were drawn.
+        spread = (weights @ (y * y) - (weights @ y) ** 2 / total) / (total - 1.0)
+        share = 1.0 - (weights @ error) / total / spread
     known = np.where(share > 0.0, share, np.nan)
     return known if scene_counts is not None else known[0]
 
