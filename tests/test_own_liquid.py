@@ -7,8 +7,11 @@ import pandas as pd
 import pytest
 
 from pourcast import cli
+from pourcast.errors import InputError
 from pourcast.files import write_text
 from pourcast.scenes.scene_file import write_scenes
+from pourcast.study.folder import study_scenes
+from pourcast.sweep.judgments import study_judgments
 from tests.experiment.make import scenes_of
 
 SYRUP = """
@@ -77,7 +80,10 @@ def test_what_is_changed_in_it_is_judged_anew(study):
     table = study / "judgments" / "g.parquet"
     before = pd.read_parquet(table)["judgment"].to_numpy()
     write_text(study / "study.toml", SYRUP.replace("0.8", "2.5").replace("30.0", "90.0"))
+    with pytest.raises(InputError, match=r"g\.parquet: liquid 'syrup' was another when this was"):
+        study_judgments(study, study_scenes(study))
     run("sweep s --grid s/g.toml --workers 1")
+    assert len(study_judgments(study, study_scenes(study)).rows) == 1
     after = pd.read_parquet(table)["judgment"].to_numpy()
     assert (before != after).any()
     write_text(study / "study.toml", SYRUP.replace("#7a2f8f", "#000000"))

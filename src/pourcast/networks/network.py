@@ -38,7 +38,7 @@ class Recipe(Frozen):
     Parameters
     ----------
     backbone
-        Its name; see `convnet.backbones`.
+        Its name; see `networks.backbones`.
     height, width
         Of the pictures that it is shown [pixels].
     start

@@ -139,7 +139,7 @@ def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterat
     Parameters
     ----------
     comparison
-        From `analysis.comparison.compare_study`.
+        From `comparison.compare.compare_study`.
     studies
         Simulated for each case.
     tell
@@ -210,7 +210,7 @@ def films(comparison: Comparison, folder: Path, count: int, tell: Report) -> lis
     Parameters
     ----------
     comparison
-        From `analysis.comparison.compare_study`.
+        From `comparison.compare.compare_study`.
     folder
         Where the films go.
     count

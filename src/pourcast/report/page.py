@@ -61,7 +61,7 @@ def write_report(
     Parameters
     ----------
     comparison
-        From `analysis.comparison.compare_study`.
+        From `comparison.compare.compare_study`.
     folder
         Where to: `report.html`, `figures/`, `films/`, `tables/`.
     options

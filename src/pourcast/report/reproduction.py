@@ -70,7 +70,7 @@ class Reproduction:
     carry_from
         An Experiment 1 that was reproduced before: its parameters are carried over.
     exclude, percent
-        As for `analysis.compare.ComparisonOptions`.
+        As for `comparison.compare.ComparisonOptions`.
     with_convnet
         Whether to train networks, and compare them, too.
     convnet_scenes

@@ -24,6 +24,7 @@ from pourcast.sweep.grid import Grid, GridFile, GridModels, make_grid
 from pourcast.sweep.plan import make_plan
 from pourcast.sweep.run import SweepReport, SweepResult, no_sweep_report, run_sweep
 from pourcast.sweep.store import Store
+from pourcast.sweep.table import LIQUIDS
 from pourcast.tables import (
     TABLE_SUFFIXES,
     numbers_in,
@@ -139,7 +140,7 @@ def judgments_of(
     Parameters
     ----------
     tables
-        As `judgments.predict` or a sweep gives.
+        As `prediction.predict` or a sweep gives.
     scenes
         The study's scenes; judgments of any others are left out.
     """
@@ -182,15 +183,28 @@ def study_judgments(study: Path, scenes: Sequence[Scene]) -> Judgments:
     Raises
     ------
     InputError
-        If a table can't be read; names file, row and column of what is wrong.
+        If a table can't be read (names file, row and column of what is wrong), or was made when
+        one of the study's own liquids was another.
     """
-    paths = finished_files(study / "judgments")
-    tables = [
-        read_judgments(path)
-        for path in paths
+    own = study_liquids(study)
+    tables = {
+        path: read_judgments(path)
+        for path in finished_files(study / "judgments")
         if path.suffix in TABLE_SUFFIXES and not path.stem.endswith("-incomplete")
-    ]
-    return judgments_of(tables, scenes, study_liquids(study))
+    }
+    for path, table in tables.items():
+        _refuse_changed_liquids(path, table, own)
+    return judgments_of(tables.values(), scenes, own)
+
+
+def _refuse_changed_liquids(path: Path, table: pd.DataFrame, own: Sequence[Liquid]) -> None:
+    now = {liquid.name: liquid.engine_identity for liquid in own}
+    for name, then in table.attrs.get(LIQUIDS, {}).items():
+        if now.get(name) != then:
+            raise InputError(
+                f"{path}: liquid {name!r} was another when this was judged; sweep "
+                f"{path.stem!r} again, or remove the table"
+            )
 
 
 def read_judgments(path: Path) -> pd.DataFrame:

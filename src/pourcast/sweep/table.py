@@ -16,7 +16,7 @@ from pourcast.sweep.survey import PlannedRows
 from pourcast.tables import write_table
 
 COLUMNS = ("scene", "digest", "liquid", "model", "parameters", "seed", "judgment")
-"""As in a table of `judgments.predict`; a column for each parameter follows."""
+"""As in a table of `prediction.predict`; a column for each parameter follows."""
 
 
 def gather(plan: Plan, store: Store, files: Iterable[Path]) -> pd.DataFrame:
@@ -35,7 +35,7 @@ def gather(plan: Plan, store: Store, files: Iterable[Path]) -> pd.DataFrame:
     -------
     DataFrame
         One row per scene, model, parameters, liquid and seed, with the columns of
-        `judgments.predict`, then one per parameter (``model_`` before the name if it
+        `prediction.predict`, then one per parameter (``model_`` before the name if it
         is taken). A judgment whose simulations are not all there is missing.
     """
     values = setting_judgments(plan, store, files)
@@ -65,6 +65,10 @@ def _over_draws(table: pa.Table) -> tuple[NDArray[np.int64], NDArray[np.float64]
         # The same sum as in `SimulationModel.judge`, to the last digit.
         means[k] = np.mean(judgments[first[k] : ends[k]])
     return first, means
+
+
+LIQUIDS = "liquids"
+"""What a table's file keeps beside the table: the study's own liquids in it, as they were."""
 
 
 def judgment_table(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
@@ -98,6 +102,10 @@ def judgment_table(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
     for name in dict.fromkeys(name for values in parameters for name in values):
         title = f"model_{name}" if name in COLUMNS else name
         table[title] = np.repeat(_column([values.get(name) for values in parameters]), sizes)
+    named = {*per_answer["liquid"], *(values.get("liquid") for values in parameters)}
+    used = [liquid for liquid in plan.grid.own if liquid.name in named]
+    if used:
+        table.attrs[LIQUIDS] = {liquid.name: liquid.engine_identity for liquid in used}
     return table
 
 

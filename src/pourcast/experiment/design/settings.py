@@ -96,7 +96,7 @@ class Design(Frozen):
         After this long without an answer a session can't be resumed, and its place
         is given to somebody else [s].
     slider, recruiting
-        See there.
+        How the slider behaves, and where participants come from: see these classes.
     texts
         The study's own words, in place of those of the language.
     """

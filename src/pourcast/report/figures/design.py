@@ -14,7 +14,7 @@ def recovery(table: pd.DataFrame, title: str) -> Figure:
     Parameters
     ----------
     table
-        From `analysis.design`: planted in rows, recovered in columns.
+        From `comparison.recovery`: planted in rows, recovered in columns.
     title
         What was planted.
     """
@@ -51,7 +51,7 @@ def power(table: pd.DataFrame, title: str) -> Figure:
     Parameters
     ----------
     table
-        From `analysis.design.power_table`.
+        From `comparison.recovery.power_table`.
     title
         What is told apart.
     """

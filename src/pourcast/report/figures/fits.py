@@ -32,7 +32,7 @@ def alpha_zeta(scores: pd.DataFrame) -> Figure:
     Parameters
     ----------
     scores
-        Table of `analysis.choice.scores_table`.
+        Table of `comparison.choice.scores_table`.
     """
     ife = scores[scores["model"].isin(["water-ife", "honey-ife-2"])]
     alphas = ife.groupby("n_particles")["viscosity_alpha"].nunique()
@@ -68,9 +68,9 @@ def zeta_profiles(scores: pd.DataFrame, choice: pd.DataFrame) -> Figure:
     Parameters
     ----------
     scores
-        Table of `analysis.choice.scores_table`.
+        Table of `comparison.choice.scores_table`.
     choice
-        Table of `analysis.choice.choice_table`.
+        Table of `comparison.choice.choice_table`.
     """
     shown = choice[choice["damping_zeta"].notna()]
     liquids = list(dict.fromkeys(shown["liquid"]))

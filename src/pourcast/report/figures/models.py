@@ -31,7 +31,7 @@ def correlations(
     Parameters
     ----------
     agreement
-        Table of `analysis.agreement.agreement_table`, of one or more liquids.
+        Table of `comparison.agreement.agreement_table`, of one or more liquids.
     experiment
         What it is of; its published correlations are shown as diamonds.
     own
@@ -118,7 +118,7 @@ def differences(table: pd.DataFrame, liquid: str) -> Figure:
     Parameters
     ----------
     table
-        Table of `analysis.agreement.differences_table`.
+        Table of `comparison.agreement.differences_table`.
     liquid
         The liquid to show.
     """

@@ -18,7 +18,7 @@ def against_null(individuals: Individuals, own: Sequence[Liquid] = ()) -> Figure
     Parameters
     ----------
     individuals
-        From `analysis.agreement.individuals`; at least one liquid.
+        From `comparison.agreement.individuals`; at least one liquid.
     own
         The study's own liquids.
     """

@@ -1,4 +1,4 @@
-/** Our own server, `experiment/server.py`. */
+/** Our own server, `experiment/server/app.py`. */
 import type { Body, End, Session } from "../types";
 import { isPassing, Refused, type Ended, type Transport } from "./transport";
 
