@@ -59,6 +59,10 @@ def test_every_command_takes_it_by_its_name(study, capsys):
     answers.to_csv("r.csv", index=False)
     run(f"compare s --responses r.csv -m gravity -m {OWN}")
     assert "syrup" in capsys.readouterr().out
+    run("experiment simulate s --observers 4 -m gravity")
+    assert "4 simulated observers, 3 trials each" in capsys.readouterr().out
+    simulated = pd.read_csv(study / "responses" / "simulated.csv")
+    assert set(simulated["liquid"]) == {"water", "syrup"}  # as the design says
     run(f"report s --responses r.csv -m gravity -m {OWN} --films 0 --studies 0")
     assert "syrup trials" in (study / "report" / "report.html").read_text()
     assert "#7a2f8f" in (study / "report" / "figures" / "correlations.svg").read_text()

@@ -87,7 +87,7 @@ def one_line(error: Complaints) -> str:
     if first["type"] in _BOUNDS:
         message += f", found {first['input']}"
     others = len(error.errors()) - 1
-    more = f" (and {others} more)" if others else ""
+    more = f" (and {others} more faults)" if others else ""
     return f"{path}: {message}{more}" if path else message + more
 
 

@@ -116,7 +116,7 @@ def test_a_studys_own_liquid_can_be_shown_and_goes_by_its_name(tmp_path):
         ("[liquids.oil]\n", "liquids.oil: viscosity_alpha: "),
         (OIL + "slip = 2\n", "liquids.oil: liquid 'oil': slip: expected from 0 to 1, found 2"),
         (OIL + "colour = 'brown'\n", "colour: expected #rrggbb, found 'brown'"),
-        (OIL + "wetness = 1\n", "liquids.oil: wetness: "),
+        (OIL + "wetness = 1\n", "liquids.oil: there is no 'wetness'; .*known: viscosity_alpha"),
         (OIL + "called = 'honey'\n", "liquids.oil: called: a study's own liquid goes by its name"),
         (OIL.replace("oil", "water"), "liquid 'water': there is one of that name already"),
         (OIL.replace("oil", "honey"), "liquid 'honey': there is one of that name already"),

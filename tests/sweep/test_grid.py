@@ -1,13 +1,17 @@
 """Grid files: what they ask for, and how they are refused."""
 
+from dataclasses import replace
+
 import pytest
 
 from pourcast import cli
 from pourcast.errors import InputError
+from pourcast.study.experiments.registry import EXPERIMENTS
 from pourcast.sweep.grid import (
     GridFile,
     GridModels,
     Range,
+    experiment_grid,
     grid_names,
     make_grid,
     parse_grid,
@@ -172,3 +176,14 @@ def test_a_grid_that_is_not_there():
         read_grid("quik")
     with pytest.raises(InputError, match=r"no/g.toml: cannot be read"):
         read_grid("no/g.toml")
+
+
+def test_an_experiment_sweeps_its_own_liquids():
+    exp1 = EXPERIMENTS.get("exp1")
+    assert experiment_grid(exp1).content == read_grid("paper-exp1").content
+    grid = experiment_grid(replace(exp1, groups=(("water", "honey-exp2"),), grid="quick"))
+    points = list(grid.points())
+    imagined = {point.model.parameters().get("liquid") for point in points} - {None}
+    assert imagined == {"water", "honey-exp2", "trial"}
+    assert {point.liquid for point in points} == {"water", "honey-exp2"}
+    assert "truth-honey" not in {point.name for point in points}

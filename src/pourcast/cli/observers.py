@@ -87,15 +87,15 @@ def simulate(
 ) -> None:
     """Rehearse a study: observers with a model in their heads answer, with noise and lapses.
 
-    Every row says that it is simulated. Observers see the liquids that their group sees in the
-    study's experiment. With --browser they take part as people will, from consent to completion
-    code; the design says who sees what.
+    Every row says that it is simulated. Observers see the liquids that their group sees by the
+    study's design, or by its experiment. With --browser they take part as people will, from consent
+    to completion code.
 
     Example: pourcast experiment simulate my-study --observers 65 --model water-ife
     """
     from pourcast.files import check_writable
     from pourcast.observers.observers import SPREADS
-    from pourcast.observers.responses import models_by_liquid, observers_of, rehearse
+    from pourcast.observers.responses import models_by_liquid, observers_of, rehearse, study_groups
     from pourcast.study.folder import study_experiment, study_liquids, study_scenes
     from pourcast.tables import check_table_path
 
@@ -104,10 +104,12 @@ def simulate(
         check_table_path(out)
         check_writable(out)
     experiment = study_experiment(study, scenes)
+    groups = study_groups(study, experiment)
     who = observers_of(
         experiment,
         observers,
-        models=models_by_liquid(model or [], experiment),
+        models=models_by_liquid(model or [], groups),
+        groups=groups,
         own=study_liquids(study),
         population=population_of(
             bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity

@@ -220,7 +220,11 @@ def compare_study(
         compared=people,
         judged=judged,
         exclusions=tuple(exclusions),
-        remarks=(*_models_remarks(specs, labels, own), *remarks(trials, scenes), *_doubts(tables)),
+        remarks=(
+            *_models_remarks(specs, labels, own),
+            *remarks(trials, scenes),
+            *_doubts(tables, judged),
+        ),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
     )
@@ -299,12 +303,17 @@ def _models_remarks(
     return [f"{label}: {remark}" for label, remark in said.items() if remark]
 
 
-def _doubts(tables: dict[str, pd.DataFrame]) -> list[str]:
+def _doubts(tables: dict[str, pd.DataFrame], judged: Judgments) -> list[str]:
     """What could not be computed or be relied on, and why."""
     doubts = []
-    if tables["choice"].empty:
+    if tables["choice"].empty and judged.rows.empty:
         doubts.append(
             "no parameters were chosen: no grid was swept (`pourcast sweep STUDY --grid quick`)"
+        )
+    elif tables["choice"].empty:
+        doubts.append(
+            "no parameters were chosen: what was swept holds no values of the paper's models with "
+            "these liquids to choose among (`pourcast sweep STUDY --grid quick` does)"
         )
     elif tables["cross_validation"].empty:
         doubts.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from pourcast.errors import InputError, unknown
 from pourcast.experiment.data.responses import RESPONSES
+from pourcast.experiment.design.settings import NAME as DESIGN_FILE
+from pourcast.experiment.design.settings import read_design
 from pourcast.observers.observers import Observers, simulate_observers
 from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
@@ -21,10 +23,21 @@ USUAL_OBSERVERS = 20
 """How many observers judge scenes that belong to no experiment, unless it is said otherwise."""
 
 
+def study_groups(study: Path, experiment: Experiment | None) -> tuple[tuple[str, ...], ...]:
+    """Liquids that each group of a study's participants sees.
+
+    As its `experiment.toml` says; without one as its experiment does, else water.
+    """
+    if (study / DESIGN_FILE).is_file():
+        return read_design(study).groups
+    return (("water",),) if experiment is None else experiment.groups
+
+
 def observers_of(
     experiment: Experiment | None,
     count: int | None = None,
     models: Mapping[str, str] | None = None,
+    groups: tuple[tuple[str, ...], ...] | None = None,
     **options: Any,
 ) -> Observers:
     """Observers as many, and in such groups, as an experiment has participants.
@@ -37,10 +50,13 @@ def observers_of(
         How many, if not as many as there.
     models
         Liquid -> model in their heads, where it isn't the experiment's.
+    groups
+        Liquids that each group sees, if not those of the experiment.
     **options
         Other fields of `Observers`.
     """
-    groups = (("water",),) if experiment is None else experiment.groups
+    if groups is None:
+        groups = (("water",),) if experiment is None else experiment.groups
     usual = USUAL_OBSERVERS if experiment is None else experiment.participants
     shown = dict.fromkeys(liquid for group in groups for liquid in group)
     usual_models = {liquid: observer_model(experiment, liquid) for liquid in shown}
@@ -49,15 +65,15 @@ def observers_of(
     )
 
 
-def models_by_liquid(given: Sequence[str], experiment: Experiment | None) -> dict[str, str]:
+def models_by_liquid(given: Sequence[str], groups: Sequence[Sequence[str]]) -> dict[str, str]:
     """Models in observers' heads, from what a user said: ``NAME[:...]`` or ``LIQUID=NAME[:...]``.
 
     Parameters
     ----------
     given
         Each for a liquid's trials; without a liquid, for all that are not named.
-    experiment
-        Whose liquids are shown; without one, water.
+    groups
+        Liquids that each group sees.
 
     Raises
     ------
@@ -66,10 +82,10 @@ def models_by_liquid(given: Sequence[str], experiment: Experiment | None) -> dic
 
     Examples
     --------
-    >>> models_by_liquid(["gravity"], None)
+    >>> models_by_liquid(["gravity"], [["water"]])
     {'water': 'gravity'}
     """
-    shown = ("water",) if experiment is None else experiment.shown_liquids
+    shown = tuple(dict.fromkeys(liquid for group in groups for liquid in group))
     chosen: dict[str, str] = {}
     for text in given:
         liquid, equals, spec = text.partition("=")

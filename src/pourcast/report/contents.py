@@ -129,7 +129,9 @@ def figures(comparison: Comparison) -> Iterator[ReportFigure]:
     if "scores" in tables and "viscosity_alpha" in tables["scores"]:
         yield drawn("alpha_zeta", "parameters", fits.alpha_zeta(tables["scores"]))
     example = comparison.scenes[0]
-    yield drawn("particle_engine", "explained", scenes.particle_engine(example), **look)
+    liquids = tuple(called(one.trials.liquid) for one in comparison.compared)
+    engine = scenes.particle_engine(example, liquids, own)
+    yield drawn("particle_engine", "explained", engine, **look)
     yield drawn("heuristics", "explained", scenes.heuristics(example), **look)
 
 
@@ -224,9 +226,28 @@ def films(comparison: Comparison, folder: Path, count: int, tell: Report) -> lis
     for done, ((scene, liquid), (why, shown)) in enumerate(wanted):
         tell(f"filming {scene}", done, len(wanted))
         path = folder / f"{scene}-{called(liquid)}.mp4"
-        show(by_id[scene], path, shown, liquid)
+        show(by_id[scene], path, shown, liquid, own=study_liquids(comparison.study))
         made.append(Film(scene, called(liquid), why, shown, path))
     return made
+
+
+def _filmed_models(comparison: Comparison, one: PeopleAndModels) -> tuple[str, str]:
+    """Names of the model in people's heads, as it may be, and of the truth of some trials."""
+    liquid = called(one.trials.liquid)
+    model = observer_model(comparison.experiment, liquid)
+    return model, one.truth_name or truth_of(comparison.experiment, liquid)
+
+
+def why_no_films(comparison: Comparison) -> str:
+    """Which models of the films are not compared; empty if none is missing for all liquids."""
+    missing = [
+        [name for name in _filmed_models(comparison, one) if name not in one.models]
+        for one in comparison.compared
+    ]
+    if not all(missing):
+        return ""
+    names = dict.fromkeys(name for some in missing for name in some)
+    return f"they show {' and '.join(names)}, which was not compared"
 
 
 def _disagreements(
@@ -237,10 +258,9 @@ def _disagreements(
     said = "simulated observers" if comparison.simulated else "people"
     each = -(-count // (2 * len(comparison.compared)))
     for one in comparison.compared:
-        short, liquid = called(one.trials.liquid), one.trials.liquid
-        experiment = comparison.experiment
-        ife, truth = observer_model(experiment, short), truth_of(experiment, short)
-        if ife not in one.models or truth not in one.models:
+        liquid = one.trials.liquid
+        ife, truth = _filmed_models(comparison, one)
+        if {ife, truth} - set(one.models):
             continue
         mean, right, imagined = (
             mean_judgments(one.trials.responses), one.models[truth], one.models[ife]

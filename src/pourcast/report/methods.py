@@ -33,10 +33,22 @@ def methods(comparison: Comparison) -> str:
         "the mean judgments; intervals of both, and of the share of explainable variance, "
         "resample scenes. Single participants were compared with responses drawn from a beta "
         "distribution fitted by moments to all responses (10,000 draws; two-sample "
-        "Kolmogorov-Smirnov test). Parameters were chosen stage by stage by correlation (number "
-        "of particles, viscosity, damping), and cross-validated on random halves of the scenes. "
+        f"Kolmogorov-Smirnov test). {_choice(comparison)}"
         f"The seed of all resampling was {settings.seed}."
     )
+
+
+def _choice(comparison: Comparison) -> str:
+    """How parameters were chosen, if they were."""
+    if "choice" not in comparison.tables:
+        return ""
+    chosen = (
+        "Parameters were chosen stage by stage by correlation (number of particles, viscosity, "
+        "damping)"
+    )
+    if "cross_validation" not in comparison.tables:
+        return f"{chosen}. "
+    return f"{chosen}, and cross-validated on random halves of the scenes. "
 
 
 def _counts(comparison: Comparison) -> str:

@@ -20,9 +20,10 @@ from pourcast.report import contents
 from pourcast.report.contents import Film, ReportFigure
 from pourcast.report.display import readable
 from pourcast.report.methods import methods, provenance
-from pourcast.scenes.liquids.registry import called
+from pourcast.scenes.liquids.registry import called, colour_of
 from pourcast.statistics.correlation import mean_judgments
 from pourcast.study.experiments.base import Experiment, published_with_people
+from pourcast.study.folder import study_liquids
 from pourcast.tables import write_table
 
 ONLY_IN_FILES = ("scores", "judgments", "participants")
@@ -112,13 +113,14 @@ def _render(
     }
     return environment.get_template("report.html").render(
         comparison=comparison,
-        experiment=experiment.name if experiment else "own scenes",
+        experiment=(experiment.heading or experiment.name) if experiment else "own scenes",
         tables=tables,
         figures=[
             (one, folder / "figures" / f"{one.name}{'.png' if one.raster else '.svg'}")
             for one in figures
         ],
         films=films,
+        why_no_films=contents.why_no_films(comparison),
         methods=methods(comparison),
         provenance=provenance(comparison),
         explore=_safe_json(_explorable(comparison)),
@@ -169,10 +171,12 @@ def _safe_json(content: Mapping[str, Any]) -> str:
 
 def _explorable(comparison: Comparison) -> dict[str, Any]:
     """What the interactive scatter plot needs."""
+    own = study_liquids(comparison.study)
     return {
         "liquids": [
             {
                 "liquid": called(one.trials.liquid),
+                "colour": colour_of(one.trials.liquid, own),
                 "scenes": [scene.id for scene in one.trials.scenes],
                 "people": _rounded(mean_judgments(one.trials.responses)),
                 "models": {name: _rounded(values) for name, values in one.models.items()},

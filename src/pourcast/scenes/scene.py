@@ -23,6 +23,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import core_schema
 
+from pourcast.errors import unknown
 from pourcast.frozen import Frozen
 from pourcast.scenes.geometry import Length, Point, Polygon
 from pourcast.scenes.goals.base import Goal
@@ -93,7 +94,12 @@ class _GoalOfAnyKind:
             raise ValueError(
                 f"expected an object with the field 'kind': {', '.join(GOALS.names())}"
             )
-        return GOALS.get(value["kind"]).model_validate(value)
+        kind = value["kind"]
+        if kind not in GOALS.names():
+            raise ValueError(
+                f"{unknown(kind, GOALS.names())}; is the package that has it installed?"
+            )
+        return GOALS.get(kind).model_validate(value)
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler

@@ -17,6 +17,8 @@ FEWEST_PARTICIPANTS = 4
 """With fewer, a half is a single person."""
 
 _BLOCK = 200
+_NO_SPREAD = 1e-12
+"""Variance of means below which a resample of scenes holds one scene again and again."""
 
 
 def spearman_brown(r: Array) -> Array:
@@ -136,11 +138,11 @@ def reliability(responses: Array, scene_counts: Array | None = None) -> Array:
     weights = counts * usable
     total = weights.sum(axis=1)
     y = np.where(usable, means - np.mean(means[usable]), 0.0)
-    # A resample of one scene again and again has no spread: what is no number is left out below.
+    # What divides by no spread is no number, and left out below.
     with np.errstate(divide="ignore", invalid="ignore"):
         # n - 1, as in an unbiased variance of the scenes that were drawn.
         spread = (weights @ (y * y) - (weights @ y) ** 2 / total) / (total - 1.0)
-        share = 1.0 - (weights @ error) / total / spread
+        share = 1.0 - (weights @ error) / total / np.where(spread > _NO_SPREAD, spread, 0.0)
     known = np.where(share > 0.0, share, np.nan)
     return known if scene_counts is not None else known[0]
 

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pourcast.errors import InputError, one_line, unknown
 from pourcast.models.base import Model
 from pourcast.models.registry import build_model, parse_parameter, presets
-from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.base import RESERVED, Liquid
 from pourcast.scenes.liquids.registry import liquid_names
 from pourcast.study.experiments.base import Experiment
 from pourcast.study.experiments.registry import EXPERIMENTS
@@ -215,11 +215,41 @@ def read_grid(name_or_path: str, own: Sequence[Liquid] = ()) -> Grid:
 
 
 def experiment_grid(experiment: Experiment, own: Sequence[Liquid] = ()) -> Grid:
-    """What a whole reproduction of an experiment sweeps; see `read_grid`."""
+    """What a whole reproduction of an experiment sweeps; see `read_grid`.
+
+    In a grid that comes with pourcast, a list of liquids stands for the experiment's; a model
+    with another liquid alone is left out.
+    """
     if isinstance(experiment.grid, str):
-        return read_grid(experiment.grid, own)
+        return _with_liquids(read_grid(experiment.grid, own), experiment.shown_liquids)
     name = experiment.grid.name.removesuffix(".toml")
     return parse_grid(experiment.grid.read_text(encoding="utf-8"), name, name, own)
+
+
+def _with_liquids(grid: Grid, shown: tuple[str, ...]) -> Grid:
+    """A grid for an experiment: several liquids are all of its own, one that it hasn't is none."""
+    entries = tuple(
+        _entry_with_liquids(entry, shown)
+        for entry in grid.content.models
+        if all(len(named) > 1 or named[0] in (*shown, RESERVED) for named in _liquids_in(entry))
+    )
+    if entries == grid.content.models:
+        return grid
+    content = grid.content.model_copy(update={"models": entries})
+    return Grid(f"{grid.name}-{'-'.join(shown)}", content, grid.own)
+
+
+def _liquids_in(entry: GridModels) -> list[list[str]]:
+    """Liquids of the trials, and liquids in the head if any are named."""
+    imagined = [str(value) for value in entry.axes().get("liquid", [])]
+    return [list(entry.liquids), *([imagined] if imagined else [])]
+
+
+def _entry_with_liquids(entry: GridModels, shown: tuple[str, ...]) -> GridModels:
+    changed: dict[str, Any] = {"liquids": shown if len(entry.liquids) > 1 else entry.liquids}
+    if len(entry.axes().get("liquid", [])) > 1:
+        changed["parameters"] = {**entry.parameters, "liquid": list(shown)}
+    return entry.model_copy(update=changed)
 
 
 def parse_grid(text: str, name: str, source: str, own: Sequence[Liquid] = ()) -> Grid:

@@ -16,12 +16,24 @@ class MiddleBin(Goal):
             "instructions": [
                 "A liquid is held at the top of a box. In a moment it will be let go, fall, run "
                 "past the grey pegs, and gather in the three bins at the bottom.",
-                "Your task: judge how much of it will end up in the middle bin.",
+                "Your task: judge how much of it will end up in the middle bin.\n\nMove the mouse "
+                "over the slider below the picture to set your answer, from nothing of it to "
+                "everything. The picture under the slider shows your answer.",
             ],
             "quiz": [
                 {
                     "question": "What do you judge?",
                     "choices": ["How fast the liquid falls", "How much ends in the middle bin"],
+                    "right": 1,
+                },
+                {
+                    "question": "You think that nothing ends there. Where do you put the slider?",
+                    "choices": ["All the way to the left", "All the way to the right"],
+                    "right": 0,
+                },
+                {
+                    "question": "How do you hand in an answer?",
+                    "choices": ["I wait", "I press ENTER or the button"],
                     "right": 1,
                 },
             ],

@@ -55,5 +55,8 @@ EXPERIMENT = Experiment(
     practice_filter=CoarseFilter(min_touched=0.5, max_stranded=0.5),
     observers={"oil": "honey-ife-2"},
     models=("water-ife", "gravity", "ife:n_particles=200,damping_zeta=0,zeta_sigma=0"),
-    words={"page": {"title": "Pegs"}},
+    words={
+        "page": {"title": "Pegs"},
+        "liquids": {"oil": {"description": "The olive-green liquid is oil, thicker than water."}},
+    },
 )

@@ -24,10 +24,9 @@ TRIAL_COLUMNS = {
     "block": "Part of the test, from 1; parts are followed by a break",
     "trial": "Number of the trial in its phase, from 1",
     "scene": "Id of the scene in the study's scene file",
-    "liquid": "Liquid shown: water or honey",
+    "liquid": "Liquid shown, as participants call it",
     "mirrored": "Whether the scene was shown in a mirror, left and right exchanged",
-    "response": "Share of the liquid, 0 to 1, judged to end in the right basin, or in the cup, of "
-    "the scene as it was shown",
+    "response": "Answer to what was asked, 0 to 1, of the scene as it was shown",
     "rt": "Time from the picture to the answer [s]",
     "start": "Where the slider's handle stood at first, 0 to 1; empty without a handle",
     "first_move": "Time until the handle was first moved [s]",

@@ -19,7 +19,8 @@ from pourcast.pictures.predictions import (
 )
 from pourcast.pictures.style import BLUE, PAGE, RC, new_figure
 from pourcast.pictures.video import FRAME_RATE
-from pourcast.scenes.liquids.registry import WATER
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import WATER, resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.settings import EngineSettings
 
@@ -42,9 +43,21 @@ def stimuli(scenes: Sequence[Scene], most: int = 5) -> Figure:
     return figure
 
 
-def particle_engine(scene: Scene) -> Figure:
-    """The smoothing kernel; one moment with few particles and with many; water and honey."""
-    shown = [*(("water", n) for n in PARTICLE_COUNTS), ("honey", 50)]
+def particle_engine(
+    scene: Scene, liquids: Sequence[str] = ("water", "honey"), own: Sequence[Liquid] = ()
+) -> Figure:
+    """The smoothing kernel; one moment with few particles and with many; and other liquids.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    liquids
+        What is poured: the first with few particles and many, the others with 50.
+    own
+        The study's own liquids.
+    """
+    shown = [*((liquids[0], n) for n in PARTICLE_COUNTS), *((name, 50) for name in liquids[1:])]
     settings = EngineSettings(max_duration=_MOMENT)
     with mpl.rc_context(RC):
         figure = new_figure(PAGE, 2.1)
@@ -55,10 +68,9 @@ def particle_engine(scene: Scene) -> Figure:
         panels[0].set(xlabel="r / support radius", ylabel="kernel W", title="Wendland C2")
         for axes, (liquid, count) in zip(panels[1:], shown, strict=True):
             label = f"{liquid}, N = {count}"
-            model = IntuitiveFluidsEngine(
-                n_particles=count, damping_zeta=0.0, zeta_sigma=0, liquid=liquid
-            )
-            pour = predict_pour(scene, label, model, WATER, settings=settings)
+            model = IntuitiveFluidsEngine(n_particles=count, damping_zeta=0.0, zeta_sigma=0)
+            poured = resolve_liquid(liquid, scene, own)
+            pour = predict_pour(scene, label, model, poured, settings=settings)
             draw_scene(axes, scene)
             _draw_particles(axes, scene, pour)
             axes.set_title(label, fontsize=7)

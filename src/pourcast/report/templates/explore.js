@@ -4,7 +4,6 @@
   const SVG = "http://www.w3.org/2000/svg";
   const data = JSON.parse(document.getElementById("explore-data").textContent);
   const root = document.getElementById("explore");
-  const colours = { water: "#0072B2", honey: "#E69F00" };
 
   function element(parent, name, attributes, text) {
     const made = document.createElementNS(SVG, name);
@@ -50,7 +49,7 @@
     for (const polygon of scene.obstacles) element(picture, "polygon", { points: flip(polygon), fill: "#5b6470" });
     for (const polygon of scene.goal) element(picture, "polygon", { points: flip(polygon), fill: "#a3684f" });
     const [x, y, radius] = scene.liquid;
-    element(picture, "circle", { cx: x, cy: scene.height - y, r: radius, fill: colours[data.liquids[liquidSelect.value].liquid] || "#0072B2" });
+    element(picture, "circle", { cx: x, cy: scene.height - y, r: radius, fill: data.liquids[liquidSelect.value].colour });
     const line = document.createElement("p");
     line.textContent = words;
     side.appendChild(line);
@@ -72,7 +71,7 @@
       const [x, y] = [one.models[model][k], one.people[k]];
       const words = `${id}: ${data.people} ${y.toFixed(2)}, ${model} ${x.toFixed(2)}`;
       const dot = element(plot, "circle", {
-        cx: X(x), cy: Y(y), r: 5, fill: colours[one.liquid] || "#0072B2", "fill-opacity": 0.7,
+        cx: X(x), cy: Y(y), r: 5, fill: one.colour, "fill-opacity": 0.7,
         tabindex: 0, role: "img", "aria-label": words,
       });
       for (const event of ["mouseenter", "focus"]) dot.addEventListener(event, () => thumbnail(id, words));

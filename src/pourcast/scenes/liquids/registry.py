@@ -5,6 +5,7 @@ An installed package adds one by an entry point of the group ``pourcast.liquids`
 handed on as `own`: nothing is global.
 """
 
+import dataclasses
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -39,8 +40,10 @@ def liquid_from(name: str, table: Mapping[str, Any], source: str) -> Liquid:
     InputError
         One line that names the source, the field and what was expected.
     """
-    if "name" in table:
-        raise InputError(f"{source}: name: unknown; the table's own name is the liquid's")
+    fields = [entry.name for entry in dataclasses.fields(Liquid) if entry.name != "name"]
+    for key in table:
+        if key not in fields:
+            raise InputError(f"{source}: {unknown(key, fields)}")
     try:
         return _LIQUID.validate_python({**table, "name": name})
     except ValidationError as error:

@@ -54,6 +54,8 @@ class Experiment:
         Its name; that of its file.
     title
         What it is, in one line.
+    heading
+        What a report is headed with; by default its name.
     family
         What scenes are drawn from.
     choice
@@ -100,6 +102,7 @@ class Experiment:
     groups: tuple[tuple[str, ...], ...]
     mirrored: tuple[str, ...] = ()
     grid: str | Traversable = "quick"
+    heading: str = ""
     practice_filter: CoarseFilter = field(default_factory=CoarseFilter)
     observers: Mapping[str, str] = field(default_factory=dict)
     truths: Mapping[str, str] = field(default_factory=dict)

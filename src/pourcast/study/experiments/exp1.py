@@ -71,6 +71,7 @@ EXPERIMENT = Experiment(
     participants=65,
     groups=(("water",), ("honey",)),
     grid="paper-exp1",
+    heading="Experiment 1 (basins)",
     observers={"water": "water-ife", "honey": "honey-ife-2"},
     truths={"water": "truth-water", "honey": "truth-honey"},
     published=PUBLISHED,

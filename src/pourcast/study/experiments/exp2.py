@@ -16,6 +16,7 @@ EXPERIMENT = Experiment(
     groups=(("water", "honey"),),
     mirrored=("honey",),
     grid="paper-exp2",
+    heading="Experiment 2 (cup)",
     observers={"water": "water-ife", "honey": "honey-ife-2"},
     truths={"water": "truth-water", "honey": "truth-honey"},
 )

@@ -31,7 +31,7 @@ export interface Texts {
   consent: Titled & { contact: string; agree: string; agree_button: string; decline_button: string };
   check: Titled & { too_small: string; again: string; leave: string };
   fullscreen: Buttoned;
-  instructions: { title: string; end: { body: string } };
+  instructions: { title: string; end: { answer: string; practice: string; test: string; test_alone: string } };
   quiz: Buttoned & { wrong: string };
   goal: GoalTexts;
   /** Liquids that are shown, by what they are called. */

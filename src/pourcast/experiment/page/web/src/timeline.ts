@@ -271,11 +271,10 @@ export class Timeline {
     const trials = session.steps.filter((step) => step.kind === "judgment");
     const count = (phase: string) => trials.filter((step) => step.phase === phase).length;
     const liquids = [...new Set(trials.map((step) => step.liquid as string))].sort().reverse();
-    const end = fill(texts.end.body, {
-      practice: count("practice"),
-      test: count("test"),
-      blocks: this.blocks(),
-    });
+    const practised = count("practice") > 0;
+    const counts = { practice: count("practice"), test: count("test"), blocks: this.blocks() };
+    const films = practised ? [texts.end.practice, texts.end.test] : [texts.end.test_alone];
+    const end = [texts.end.answer, fill(films.join(" "), counts)].join("\n\n");
     const bodies = [...this.texts.goal.instructions, end];
     bodies[0] += `\n\n${liquids.map((liquid) => this.texts.liquids[liquid]?.description ?? "").join(" ")}`;
     return bodies.map((body) => pageOf(texts.title, body));
