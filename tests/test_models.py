@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from pourcast.errors import InputError
+from pourcast.errors import InputError, ModelError
 from pourcast.models.base import Model, SimulationModel, checked_judgments, parameter
 from pourcast.models.registry import (
     MODELS,
@@ -284,7 +284,7 @@ def test_what_is_no_judgment_is_not_returned(said, complaint):
         scene.model_copy(update={"id": scene.goal.kind})
         for scene in sorted(demo_scenes(), key=lambda scene: scene.goal.kind)
     ]
-    with pytest.raises(InputError, match=f"model 'odd': .*{complaint}"):
+    with pytest.raises(ModelError, match=f"model 'odd': .*{complaint}"):
         checked_judgments(said(scenes), "odd", scenes)
 
 

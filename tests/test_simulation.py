@@ -12,6 +12,7 @@ from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.errors import InputError, SimulationDivergedError
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
+from pourcast.scenes.scene import Box
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.simulation.settings import EngineSettings
@@ -38,7 +39,7 @@ def test_a_number_of_particles_out_of_range_is_refused(count):
 
 @pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
 def test_a_liquid_checks_itself(value):
-    with pytest.raises(InputError, match="viscosity_alpha: expected at least 0"):
+    with pytest.raises(InputError, match="viscosity_alpha: expected 0 to 10"):
         Liquid("odd", value)
 
 
@@ -153,3 +154,15 @@ def test_the_command_line_says_of_a_broken_pour_in_a_line_which_it_was(monkeypat
 def test_an_error_of_a_broken_pour_goes_from_process_to_process():
     error = pickle.loads(pickle.dumps(SimulationDivergedError("too fast", number=3)))
     assert (str(error), error.number) == ("too fast", 3)
+
+
+@pytest.mark.parametrize("zeta", [-1.0, 201.0, float("nan"), float("inf")])
+def test_a_damping_that_lets_nothing_fall_is_refused(zeta):
+    with pytest.raises(InputError, match="damping_zeta: expected 0 to 200 per second"):
+        Pour(ramp_scene(), WATER, 20, zeta)
+
+
+def test_particles_wider_than_their_box_are_refused():
+    scene = ramp_scene().model_copy(update={"box": Box(depth=0.002)})
+    with pytest.raises(InputError, match=r"5 particles of its liquid are .* take more"):
+        Pour(scene, WATER, 5)

@@ -34,6 +34,13 @@ class TrainingError(RuntimeError):
     """
 
 
+class ModelError(RuntimeError):
+    """A model failed, or said what is no judgment.
+
+    The message is one line. The command line prints it and exits with status 1.
+    """
+
+
 class SimulationDivergedError(RuntimeError):
     """A simulation broke: what it says can't be trusted.
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from pourcast.models.base import checked_judgments
+from pourcast.models.base import judge_checked
 from pourcast.models.registry import make_model
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
@@ -64,8 +64,7 @@ def predict(
         for kind, trial_liquid in by_goal.items():
             members = [k for k, scene in enumerate(scenes) if scene.goal.kind == kind]
             shown = [scenes[k] for k in members]
-            said = model.judge(shown, trial_liquid, seed, progress=progress)
-            judgments[members] = checked_judgments(said, spec, shown)
+            judgments[members] = judge_checked(model, spec, shown, trial_liquid, seed, progress)
         tables.append(
             pd.DataFrame(
                 {

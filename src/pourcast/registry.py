@@ -67,9 +67,20 @@ class Registry(Generic[Member]):
         entry = self.third_party().get(name)
         try:
             member = self.read(name) if entry is None else entry.load()
-        except (ImportError, AttributeError) as error:
-            raise InputError(f"{self.noun} {name!r} cannot be loaded: {error}") from error
+        except Exception as error:  # whatever somebody else's module does when it is imported
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise InputError(f"{self.noun} {name!r} cannot be loaded: {why}") from error
         return self.check(name, member)
+
+    def all(self) -> tuple[dict[str, Member], dict[str, str]]:
+        """Members by name; and what is wrong with those of other packages that can't be had."""
+        members, broken = {}, {}
+        for name in self.names():
+            try:
+                members[name] = self.get(name)
+            except InputError as error:
+                broken[name] = str(error)
+        return members, broken
 
     def read(self, name: str) -> Any:
         """What the file of a built-in member holds."""

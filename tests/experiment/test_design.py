@@ -114,7 +114,7 @@ def test_a_studys_own_liquid_can_be_shown_and_goes_by_its_name(tmp_path):
     ("text", "message"),
     [
         ("[liquids.oil]\n", "liquids.oil: viscosity_alpha: "),
-        (OIL + "slip = 2\n", "liquids.oil: liquid 'oil': slip: expected from 0 to 1, found 2"),
+        (OIL + "slip = 2\n", "liquids.oil: liquid 'oil': slip: expected 0 to 1, found 2"),
         (OIL + "colour = 'brown'\n", "colour: expected #rrggbb, found 'brown'"),
         (OIL + "wetness = 1\n", "liquids.oil: there is no 'wetness'; .*known: viscosity_alpha"),
         (OIL + "called = 'honey'\n", "liquids.oil: called: a study's own liquid goes by its name"),
@@ -138,3 +138,34 @@ def test_scenes_that_ask_different_things_are_refused(tmp_path):
     write_text(tmp_path / "experiment.toml", 'groups = [["water"]]')
     with pytest.raises(InputError, match="different goals \\(basins, cup\\); an experiment asks"):
         read_design(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (
+            '[[texts.goal.quiz]]\nquestion = "x"',
+            r"texts.goal, .*: quiz\[0\].choices: Field required",
+        ),
+        (
+            '[[texts.goal.quiz]]\nquestion = "x"\nchoices = ["a", "b"]\nright = 2',
+            r"quiz\[0\]: right: expected 0 to 1, found 2",
+        ),
+        (
+            "[texts.goal]\ninstructions = [1, 2]",
+            r"instructions\[0\]: Input should be a valid string",
+        ),
+        ('[texts.liquids]\nwater = "W"', "texts.liquids.water: expected dict"),
+        ("[texts]\nliquids = 3", "texts.liquids: expected tables such as"),
+        ("[texts.liquids.water]\nname = 5", "texts.liquids.water.name: expected str"),
+    ],
+)
+def test_words_of_the_wrong_kind_are_told(tmp_path, texts, message):
+    with pytest.raises(InputError, match=message) as told:
+        design_of(tmp_path, f'groups = [["water"]]\n{texts}')
+    assert "\n" not in str(told.value)
+
+
+def test_one_liquid_under_two_names_is_one_liquid(tmp_path):
+    with pytest.raises(InputError, match="honey and honey-exp1 are not all different here"):
+        design_of(tmp_path, 'groups = [["honey", "honey-exp1"]]')

@@ -285,8 +285,8 @@ def test_the_step_that_sent_particles_to_the_moon_raises():
 
 
 def test_damping_that_a_step_cannot_follow_raises():
-    with pytest.raises(SimulationDivergedError, match=r"damping 20000/s"):
-        simulate([Pour(ramp_scene(), WATER, 30, 20_000.0)])
+    with pytest.raises(SimulationDivergedError):
+        run_batch([packed(30, damping=20_000.0)], NO_SOLIDS, FRAME)
 
 
 @pytest.mark.parametrize("kind", ["liquid", "marbles"])
@@ -360,7 +360,7 @@ def test_jobs_and_steppings_check_themselves(field, value):
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
 def test_pours_check_themselves(value):
-    with pytest.raises(InputError, match=rf"damping_zeta: expected at least 0 .*found {value}"):
+    with pytest.raises(InputError, match=rf"damping_zeta: expected 0 to 200 .*found {value}"):
         Pour(ramp_scene(), WATER, 5, value)
     if value != -1.0:
         with pytest.raises(InputError, match="offset: expected two finite lengths"):

@@ -26,6 +26,7 @@ from pourcast.cli.terminal import InterruptedWorkError
 from pourcast.errors import (
     ClusterError,
     InputError,
+    ModelError,
     SimulationDivergedError,
     StoreError,
     TrainingError,
@@ -46,6 +47,9 @@ __all__ = [
 ]
 
 INTERRUPTED = 128 + signal.SIGINT
+
+_FAILURES = (ClusterError, ModelError, SimulationDivergedError, StoreError, TrainingError)
+"""Errors whose message is one line that says what failed."""
 
 
 def main() -> None:
@@ -77,7 +81,7 @@ def _verdict(error: BaseException) -> tuple[str, int]:
         return error.format_message(), 2
     if isinstance(error, InterruptedWorkError | KeyboardInterrupt | typer.Abort):
         return str(error) or "interrupted", INTERRUPTED
-    if isinstance(error, StoreError | ClusterError | TrainingError | SimulationDivergedError):
+    if isinstance(error, _FAILURES):
         return str(error), 1
     if os.environ.get("POURCAST_TRACEBACK"):
         raise error

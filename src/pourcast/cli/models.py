@@ -136,10 +136,12 @@ def list_(as_json: JsonOption = False) -> None:
     import pandas as pd
 
     from pourcast.scenes.goals.registry import GOALS
-    from pourcast.scenes.liquids.registry import known_liquids
+    from pourcast.scenes.liquids.registry import LIQUIDS, known_liquids
     from pourcast.study.experiments.registry import EXPERIMENTS
 
-    experiments = [EXPERIMENTS.get(name) for name in EXPERIMENTS.names()]
+    experiments, broken_experiments = EXPERIMENTS.all()
+    goals, broken_goals = GOALS.all()
+    _, broken_liquids = LIQUIDS.all()
     tables: dict[str, list[dict[str, Any]]] = {
         "experiments": [
             {
@@ -147,10 +149,10 @@ def list_(as_json: JsonOption = False) -> None:
                 "liquids": " | ".join(", ".join(group) for group in one.groups),
                 "participants": one.participants, "what it is": one.title,
             }
-            for one in experiments
+            for one in experiments.values()
         ],
         "goals": [
-            {"goal": name, "judgment": GOALS.get(name).share} for name in GOALS.names()
+            {"goal": name, "judgment": goal.share} for name, goal in goals.items()
         ],
         "liquids": [
             {
@@ -168,6 +170,8 @@ def list_(as_json: JsonOption = False) -> None:
         frame = pd.DataFrame(rows)
         print_table(frame.set_index(frame.columns[0]))
         typer.echo()
+    for problem in (broken_experiments | broken_goals | broken_liquids).values():
+        typer.echo(f"note: {problem}")
 
 
 @app.command()
@@ -181,14 +185,17 @@ def models(as_json: JsonOption = False) -> None:
     from pourcast.models.registry import MODELS, parameter_table, presets
 
     if as_json:
-        listed = {name: parameter_table(name) for name in MODELS.names()}
+        listed = {name: parameter_table(name) for name in MODELS.all()[0]}
         print_json({"presets": presets(), "models": listed})
         return
     rows = {name: [entry["model"], entry["source"]] for name, entry in presets().items()}
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=["model", "what it is"])
     frame.index.name = "preset"
     print_table(frame)
-    for name in MODELS.names():
+    families, broken = MODELS.all()
+    for name in families:
         typer.echo(f"\n{name}")
-        parameters = pd.DataFrame(parameter_table(name)).set_index("parameter")
-        print_table(parameters)
+        if rows_of := parameter_table(name):
+            print_table(pd.DataFrame(rows_of).set_index("parameter"))
+    for problem in broken.values():
+        typer.echo(f"\nnote: {problem}")

@@ -15,7 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.errors import InputError, unknown
+from pourcast.errors import (
+    InputError,
+    ModelError,
+    SimulationDivergedError,
+    StoreError,
+    unknown,
+)
 from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
@@ -133,15 +139,51 @@ class Model(ABC):
         return ""
 
 
-def checked_judgments(
-    judgments: NDArray[np.float64], model: str, scenes: Sequence[Scene]
+def judge_checked(
+    model: "Model",
+    spec: str,
+    scenes: Sequence[Scene],
+    liquid: Liquid,
+    seed: int,
+    progress: Progress = no_progress,
 ) -> NDArray[np.float64]:
+    """Let a model judge, and make sure that what it says are judgments.
+
+    Parameters
+    ----------
+    model
+        The model, of another package maybe.
+    spec
+        What it is called, for error messages.
+    scenes, liquid, seed, progress
+        See `Model.judge`.
+
+    Returns
+    -------
+    ndarray
+        Shape [scene_count], each 0..1.
+
+    Raises
+    ------
+    ModelError
+        If it fails, or says anything else.
+    """
+    try:
+        said = model.judge(scenes, liquid, seed, progress=progress)
+        return checked_judgments(said, spec, scenes)
+    except (InputError, ModelError, SimulationDivergedError, StoreError):
+        raise
+    except Exception as error:
+        raise ModelError(f"model {spec!r} failed: {type(error).__name__}: {error}") from error
+
+
+def checked_judgments(said: Any, model: str, scenes: Sequence[Scene]) -> NDArray[np.float64]:
     """Judgments that can be trusted to be some.
 
     Parameters
     ----------
-    judgments
-        What a model said, one for each scene.
+    said
+        What a model said: one number for each scene.
     model
         Its spec, for error messages.
     scenes
@@ -154,22 +196,24 @@ def checked_judgments(
 
     Raises
     ------
-    InputError
+    ModelError
         If there is not one for each scene, or one is no number from 0 to 1.
     """
-    values = np.asarray(judgments, dtype=np.float64)
+    values = np.asarray(said)
+    if values.dtype.kind not in "fiub":
+        raise ModelError(f"model {model!r}: expected numbers, found {type(said).__name__}")
     if values.shape != (len(scenes),):
-        raise InputError(
+        raise ModelError(
             f"model {model!r}: expected one judgment for each of {len(scenes)} scenes, found an "
             f"array of shape {list(values.shape)}"
         )
     wrong = np.flatnonzero(~((values >= 0.0) & (values <= 1.0)))
     if len(wrong):
-        raise InputError(
+        raise ModelError(
             f"model {model!r}: scene {scenes[wrong[0]].id!r}: expected a judgment from 0 to 1, "
-            f"found {values[wrong[0]]:g}"
+            f"found {values[wrong[0]]}"
         )
-    return values
+    return values.astype(np.float64)
 
 
 def _check(owner: str, name: str, value: Any, rules: typing.Mapping[str, Any]) -> None:

@@ -20,6 +20,9 @@ GRAVITY = 9.81
 
 MAX_PARTICLES = 2000
 
+MAX_DAMPING = 200.0
+"""Largest damping [1/s]: what is damped more falls too slowly to be told from what rests."""
+
 
 def spacing_in(scene: Scene, n_particles: int) -> float:
     """Particle spacing [m] of a scene's liquid."""
@@ -39,7 +42,7 @@ class Pour:
     n_particles
         Number of particles, 1 to 2000.
     damping_zeta
-        Damping zeta [1/s], at least 0.
+        Damping zeta [1/s], 0 to 200.
     offset
         Displacement of the liquid's start in x and y [m].
     kind
@@ -63,14 +66,21 @@ class Pour:
             raise InputError(
                 f"n_particles must be from 1 to {MAX_PARTICLES}, not {self.n_particles}"
             )
-        if not (self.damping_zeta >= 0.0 and math.isfinite(self.damping_zeta)):
+        if not 0.0 <= self.damping_zeta <= MAX_DAMPING:
             raise InputError(
-                f"pour: damping_zeta: expected at least 0 per second, found {self.damping_zeta}"
+                f"pour: damping_zeta: expected 0 to {MAX_DAMPING:g} per second, found "
+                f"{self.damping_zeta}"
             )
         if not all(math.isfinite(value) for value in self.offset):
             raise InputError(f"pour: offset: expected two finite lengths, found {self.offset}")
         if self.kind not in get_args(Kind):
             raise InputError(f"pour: kind: {unknown(self.kind, get_args(Kind))}")
+        narrow = min(self.scene.box.width, self.scene.box.depth)
+        if self.spacing > narrow:
+            raise InputError(
+                f"scene {self.scene.id!r}: {self.n_particles} particles of its liquid are "
+                f"{self.spacing:.3g} m wide, and its box only {narrow:.3g} m: take more particles"
+            )
 
     @property
     def spacing(self) -> float:

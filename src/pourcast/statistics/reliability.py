@@ -29,7 +29,7 @@ def spearman_brown(r: Array) -> Array:
     >>> float(spearman_brown(np.array(0.5)).round(3))
     0.667
     """
-    doubled: Array = 2.0 * r / (1.0 + r)
+    doubled: Array = 2.0 * r / np.where(r > -1.0, 1.0 + r, np.nan)
     return doubled
 
 

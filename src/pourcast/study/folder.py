@@ -182,7 +182,11 @@ def new_study(folder: Path, request: SceneRequest, report: Report = no_report) -
     """
     check_empty(folder)
     write_text(folder / STUDY_FILE, _study_toml(request))
-    selection = generate_scenes(request, report)
+    try:
+        selection = generate_scenes(request, report)
+    except InputError:  # Asked otherwise, it may go: nothing is to be gone on with.
+        (folder / STUDY_FILE).unlink()
+        raise
     write_scenes(folder / "scenes.json", selection.scenes)
     if request.practice:
         experiment = EXPERIMENTS.get(request.experiment)

@@ -169,9 +169,10 @@ def judgments_of(
 
 def columns_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """A model's parameters by the names and values that they have in `Judgments.rows`."""
-    named = dict(parameters)
-    if "liquid" in named:
-        named["imagined"] = named.pop("liquid")
+    taken = ("liquid", "family", "parameters", "imagined")
+    named = {f"model_{name}" if name in taken else name: v for name, v in parameters.items()}
+    if "liquid" in parameters:
+        named["imagined"] = named.pop("model_liquid")
     if named.get("viscosity_alpha", 0.0) is None:
         named["viscosity_alpha"] = OWN_ALPHA
     return named
@@ -284,6 +285,9 @@ def judge_in_study(
         for name_there in {resolve_liquid(liquid, scene, own).name for scene in kinds}:
             row = judged.row(name_there, spec)
             answer = answer if row is None else np.where(np.isnan(row), answer, row)
+        if np.isnan(answer).any():
+            scene = scenes[int(np.flatnonzero(np.isnan(answer))[0])].id
+            raise StoreError(f"{study}: no judgment of scene {scene!r} by {spec} ({liquid})")
         answers[liquid, spec] = answer
     return answers
 

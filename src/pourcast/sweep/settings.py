@@ -24,15 +24,24 @@ from pourcast.simulation.versions import code_version, defining_modules
 from pourcast.sweep.cost import pour_seconds, simulated_seconds
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PourSetting:
-    """A pour, in any scene: `Pour` without the scene."""
+    """A pour, in any scene: `Pour` without the scene.
+
+    Two are the same if they have one outcome, whatever their liquids are called.
+    """
 
     kind: Kind
     liquid: Liquid
     n_particles: int
     damping_zeta: float
     offset: tuple[float, float] = (0.0, 0.0)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PourSetting) and self.identity == other.identity
+
+    def __hash__(self) -> int:
+        return hash(self.identity)
 
     @classmethod
     def of(cls, pour: Pour) -> "PourSetting":

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from pourcast.errors import StoreError
+from pourcast.models.base import judge_checked
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Outcome, Pour
 from pourcast.simulation.run import simulate
@@ -192,7 +193,7 @@ def _judgments(
         setting = task.settings[index]
         assert isinstance(setting, JudgeSetting)
         scenes = [task.scenes[k] for k in members]
-        values = setting.model.judge(scenes, setting.liquid, setting.seed)
+        values = judge_checked(setting.model, setting.name, scenes, setting.liquid, setting.seed)
         values_of.update({(index, k): float(v) for k, v in zip(members, values, strict=True)})
         on_done(len(members))
     return values_of

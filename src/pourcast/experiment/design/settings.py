@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from pourcast.errors import InputError, one_line
 from pourcast.frozen import Frozen
-from pourcast.scenes.goals.base import Goal
+from pourcast.scenes.goals.base import Goal, GoalWords
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.study.experiments.base import Experiment
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
@@ -158,12 +158,14 @@ def parse_design(study: Path, content: dict[str, Any]) -> Design:
         design = Design.model_validate(content)
     except ValidationError as error:
         raise InputError(f"{path}: {one_line(error)}") from None
-    scenes, own = study_scenes(study), study_liquids(study)
-    for liquid in liquids_of(design):
+    scene, own = study_scenes(study)[0], study_liquids(study)
+    for group in design.groups:
         try:
-            resolve_liquid(liquid, scenes[0], own)
+            liquids = [resolve_liquid(liquid, scene, own) for liquid in group]
         except InputError as error:
             raise InputError(f"{path}: groups: {error}") from None
+        if len(set(liquids)) < len(liquids):
+            raise InputError(f"{path}: groups: {' and '.join(group)} are not all different here")
     for liquid in design.mirrored:
         if liquid not in liquids_of(design):
             raise InputError(f"{path}: mirrored: no group sees {liquid!r}")
@@ -231,46 +233,71 @@ def texts_of(study: Path, design: Design) -> dict[str, Any]:
     english = _read_texts(None, "en")
     texts = english if design.language == "en" else _read_texts(study, design.language)
     goal, where = study_goal(study), f"texts of the language {design.language!r}"
-    texts = {key: value for key, value in texts.items() if key != "goals"} | {
-        "goal": _goal_words(goal, texts, design.language, where),
-        "liquids": _liquid_words(design, texts),
-    }
-    wanted = english | {"goal": goal.words["en"], "liquids": {}}
-    problem = next(_differences(wanted, texts, design.language), None)
+    problem = next(_differences(english, texts, design.language), None)
     if problem is not None:
         raise InputError(f"{where}: {problem}")
+    liquids = _liquid_words(design, texts, where)
+    goal_words, source = _goal_words(goal, texts, design.language, where)
+    texts = {key: value for key, value in texts.items() if key != "goals"}
+    texts |= {"goal": goal_words, "liquids": liquids}
     experiment = study_experiment(study, study_scenes(study))
     if experiment is not None:
         texts = _merged(texts, dict(experiment.words), f"experiment {experiment.name!r}: words")
     own = {"page": {"title": design.title}} | design.texts
-    return _merged(texts, own, f"{study / NAME}: texts")
+    texts = _merged(texts, own, f"{study / NAME}: texts")
+    _check_words(GoalWords, texts["goal"], f"{study / NAME}: texts.goal, or {source}")
+    return texts
 
 
-def _goal_words(goal: type[Goal], texts: dict[str, Any], language: str, where: str) -> Any:
-    """What a goal says in a language: a translation's, else its own."""
+def _check_words(kind: type[Frozen], words: Any, where: str) -> None:
+    try:
+        kind.model_validate(words)
+    except ValidationError as error:
+        raise InputError(f"{where}: {one_line(error)}") from None
+
+
+def _goal_words(
+    goal: type[Goal], texts: dict[str, Any], language: str, where: str
+) -> tuple[dict[str, Any], str]:
+    """What a goal says in a language, a translation's or its own, and where that stands."""
     kind = goal.model_fields["kind"].default
-    translated = texts.get("goals", {}).get(kind)
-    if translated is not None:
-        return translated
+    translations = texts.get("goals", {})
+    if not isinstance(translations, dict):
+        raise InputError(f"{where}: goals: expected tables such as [goals.{kind}]")
+    if kind in translations:
+        _check_words(GoalWords, translations[kind], f"{where}: goals.{kind}")
+        return translations[kind], f"goals.{kind}"
     if language not in goal.words:
         raise InputError(
             f"{where}: goals.{kind} is missing; translate the English words of the goal {kind!r}"
         )
-    return dict(goal.words[language])
+    return dict(goal.words[language]), f"the goal {kind!r}"
 
 
-def _liquid_words(design: Design, texts: dict[str, Any]) -> dict[str, Any]:
+def _liquid_words(design: Design, texts: dict[str, Any], where: str) -> dict[str, Any]:
     """Name and description of the liquids that the design shows."""
-    known = texts.get("liquids", {})
     own = design.texts.get("liquids", {})
+    if not isinstance(own, dict):
+        raise InputError(f"{NAME}: texts.liquids: expected tables such as [texts.liquids.water]")
     words = {}
     for liquid in liquids_of(design):
-        name = own.get(liquid, {}).get("name", liquid.replace("-", " "))
-        any_liquid = texts.get("any_liquid", {}).get("description", "{liquid}")
-        words[liquid] = known.get(
-            liquid, {"name": name, "description": any_liquid.replace("{liquid}", name)}
-        )
+        known = texts["liquids"].get(liquid)
+        if known is None:
+            given = own.get(liquid, {})
+            name = given.get("name") if isinstance(given, dict) else None
+            name = name if isinstance(name, str) else liquid.replace("-", " ")
+            described = texts["any_liquid"]["description"].replace("{liquid}", name)
+            known = {"name": name, "description": described}
+        _check_words(_LiquidWords, known, f"{where}: liquids.{liquid}")
+        words[liquid] = known
     return words
+
+
+class _LiquidWords(Frozen):
+    """What participants read of a liquid."""
+
+    name: str
+    description: str
 
 
 def _read_texts(study: Path | None, language: str) -> dict[str, Any]:

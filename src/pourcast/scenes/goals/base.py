@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
 
+from pydantic import Field, model_validator
+
 from pourcast.frozen import Frozen
 from pourcast.scenes.geometry import Polygon
 
@@ -19,6 +21,32 @@ class Column(NamedTuple):
     """Whether it grows with the share that is judged, or with what is left of the liquid."""
     full: float = 1.0
     """Its height when that share is 1."""
+
+
+class Question(Frozen):
+    """A question about the instructions; `right` is the number of the right choice, from 0."""
+
+    question: str
+    choices: list[str] = Field(min_length=2)
+    right: int = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _has_its_answer(self) -> Self:
+        if self.right >= len(self.choices):
+            raise ValueError(f"right: expected 0 to {len(self.choices) - 1}, found {self.right}")
+        return self
+
+
+class GoalWords(Frozen):
+    """What participants read of a goal, in one language."""
+
+    instructions: list[str] = Field(min_length=1)
+    quiz: list[Question]
+    question: str
+    slider: str
+    low: str
+    high: str
+    value: str
 
 
 @dataclass(frozen=True)

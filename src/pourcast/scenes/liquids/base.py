@@ -1,6 +1,5 @@
 """What a liquid is: one definition for the engine, the stimuli, the page and the report."""
 
-import math
 import re
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,6 +14,18 @@ RESERVED = "trial"
 """Stands for the liquid that a trial shows, in models' parameters."""
 
 
+_RANGES = {
+    "viscosity_alpha": (0.0, 10.0),  # the step shrinks with it
+    "adhesion_normal": (0.0, 1e6),
+    "adhesion_tangential": (0.0, 1e6),
+    "kinematic_viscosity": (1e-9, 10.0),
+    "slip": (0.0, 1.0),
+    "wall_pull": (0.0, 100.0),
+    "film_seconds": (0.1, 120.0),
+}
+"""Smallest and largest values."""
+
+
 @dataclass(frozen=True)
 class Liquid:
     """A liquid.
@@ -24,23 +35,23 @@ class Liquid:
     name
         Name in tables and on the command line: small letters, digits, hyphens.
     viscosity_alpha
-        Particle engine: artificial viscosity alpha of Monaghan (1992), dimensionless, >= 0.
+        Particle engine: artificial viscosity alpha of Monaghan (1992), dimensionless, 0..10.
     adhesion_normal, adhesion_tangential
         Particle engine: rates [1/s] at which the speed across and along a surface decays while
-        a particle touches it, >= 0 (the paper's "stickiness").
+        a particle touches it, 0..1e6 (the paper's "stickiness").
     kinematic_viscosity
-        Stimuli's solver [m^2/s], > 0; water has 1e-6.
+        Stimuli's solver [m^2/s], 1e-9..10; water has 1e-6.
     slip
         Stimuli's solver: 1 lets the liquid slip along walls (the paper's), 0 holds it.
     wall_pull
-        Stimuli's solver: acceleration at a wall towards it [m/s^2], >= 0 (the paper's: none).
+        Stimuli's solver: acceleration at a wall towards it [m/s^2], 0..100 (the paper's: none).
     colour
         ``#rrggbb``, in every picture.
     glass_colour
         ``#rrggbb`` of light that has gone through it, where it is rendered as glass; by default
         its colour, lightened.
     film_seconds
-        How long its films run [s], > 0.
+        How long its films run [s], 0.1..120.
     called
         What participants, trials and reports call it, by default its name. Several liquids can
         be called alike; `goals` then tells which of them is meant.
@@ -83,22 +94,18 @@ class Liquid:
                     f"liquid: {field}: expected small letters, digits and hyphens, such as "
                     f"'olive-oil' (not {RESERVED!r}), found {value!r}"
                 )
-        for field in ("viscosity_alpha", "adhesion_normal", "adhesion_tangential", "wall_pull"):
-            self._check(field, getattr(self, field) >= 0.0, "at least 0")
-        for field in ("kinematic_viscosity", "film_seconds"):
-            self._check(field, getattr(self, field) > 0.0, "more than 0")
-        self._check("slip", 0.0 <= self.slip <= 1.0, "from 0 to 1")
+        for field, (low, high) in _RANGES.items():
+            value = getattr(self, field)
+            if not low <= value <= high:
+                raise InputError(
+                    f"liquid {self.name!r}: {field}: expected {low:g} to {high:g}, found {value}"
+                )
         for field in ("colour", "glass_colour"):
             value = getattr(self, field)
             if not _COLOUR.fullmatch(value) and (field, value) != ("glass_colour", ""):
                 raise InputError(
                     f"liquid {self.name!r}: {field}: expected #rrggbb, found {value!r}"
                 )
-
-    def _check(self, field: str, right: bool, expected: str) -> None:
-        value = getattr(self, field)
-        if not right or not math.isfinite(value):
-            raise InputError(f"liquid {self.name!r}: {field}: expected {expected}, found {value}")
 
     @property
     def rgb(self) -> tuple[float, float, float]:

@@ -8,6 +8,7 @@ handed on as `own`: nothing is global.
 import dataclasses
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -81,6 +82,16 @@ def _named(name: str) -> Liquid:
     return LIQUIDS.get(name)
 
 
+@cache
+def _loadable(names: tuple[str, ...]) -> tuple[Liquid, ...]:
+    """Liquids that can be had; one that can't is told of by who names it, and hurts no other."""
+    known = []
+    for name in names:
+        with suppress(InputError):
+            known.append(_named(name))
+    return tuple(known)
+
+
 WATER = _named("water")
 HONEY_EXP1 = _named("honey-exp1")
 HONEY_EXP2 = _named("honey-exp2")
@@ -94,7 +105,7 @@ def known_liquids(own: Sequence[Liquid] = ()) -> list[Liquid]:
     InputError
         If one of a study's own has the name of another.
     """
-    others = [_named(name) for name in LIQUIDS.names()]
+    others = list(_loadable(tuple(LIQUIDS.names())))
     taken = {name for liquid in others for name in (liquid.name, liquid.called)}
     for liquid in own:
         if liquid.name in taken:
@@ -166,6 +177,8 @@ def resolve_liquid(name: str | Liquid, scene: Scene, own: Sequence[Liquid] = ())
     ]
     if not meant and alike:
         raise InputError(f"liquid: {name!r} is none in scenes with the goal {kind!r}")
+    if not meant and name in LIQUIDS.names():
+        LIQUIDS.get(name)  # says what is wrong with it
     if not meant:
         raise InputError(f"liquid: {unknown(name, liquid_names(own))}")
     return meant[0]

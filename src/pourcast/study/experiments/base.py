@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from pourcast.errors import InputError, unknown
 from pourcast.models.registry import make_model
+from pourcast.scenes.goals.registry import GOALS
 from pourcast.scenes.liquids.registry import liquid_names
 from pourcast.study.selection import CoarseFilter, SceneChoice, SceneFamily
 
@@ -112,18 +113,28 @@ class Experiment:
 
     def __post_init__(self) -> None:
         for name, least in (("scene_count", 1), ("practice_count", 0), ("participants", 1)):
-            if getattr(self, name) < least:
-                found = getattr(self, name)
+            found = getattr(self, name)
+            if not isinstance(found, int) or found < least:
                 raise InputError(
-                    f"experiment {self.name!r}: {name}: expected at least {least}, found {found}"
+                    f"experiment {self.name!r}: {name}: expected a whole number, at least "
+                    f"{least}, found {found}"
                 )
-        if not self.groups or not all(self.groups):
-            raise InputError(f"experiment {self.name!r}: groups: expected a liquid in each group")
+        if self.goal not in GOALS.names():
+            raise InputError(f"experiment {self.name!r}: goal: {unknown(self.goal, GOALS.names())}")
+        if not self.groups or any(isinstance(g, str) or not g for g in self.groups):
+            raise InputError(
+                f"experiment {self.name!r}: groups: expected tuples of liquids, such as "
+                f"(('water',), ('honey',)), found {self.groups!r}"
+            )
+        if any(len(set(group)) < len(group) for group in self.groups):
+            raise InputError(f"experiment {self.name!r}: groups: a liquid is twice in a group")
+        if strange := set(self.mirrored) - set(self.shown_liquids):
+            raise InputError(f"experiment {self.name!r}: mirrored: no group sees {strange.pop()!r}")
         known = liquid_names()
         for liquid in (*self.shown_liquids, *self.mirrored, *self.observers, *self.truths):
             if liquid not in known:
                 raise InputError(f"experiment {self.name!r}: liquid: {unknown(liquid, known)}")
-        for spec in (*self.observers.values(), *self.truths.values()):
+        for spec in (*self.observers.values(), *self.truths.values(), *self.models):
             make_model(spec)
 
     @property

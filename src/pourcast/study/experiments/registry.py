@@ -30,8 +30,5 @@ EXPERIMENTS = Registry(
 def experiment_like(scenes: Sequence[Scene]) -> Experiment | None:
     """First experiment that asks what these scenes ask, for scenes that belong to none."""
     kinds = {scene.goal.kind for scene in scenes}
-    for name in EXPERIMENTS.names():
-        experiment = EXPERIMENTS.get(name)
-        if kinds == {experiment.goal}:
-            return experiment
-    return None
+    experiments, _ = EXPERIMENTS.all()
+    return next((one for one in experiments.values() if kinds == {one.goal}), None)
