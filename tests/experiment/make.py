@@ -21,6 +21,7 @@ from pourcast.stimuli.manifest import (
     set_folder,
     write_set,
 )
+from pourcast.study.experiments.registry import EXPERIMENTS
 from tests.make import random_scenes
 
 EXP1 = 'groups = [["water"]]\npractice = 1\nfullscreen = false\n'
@@ -29,8 +30,12 @@ EXP2 = 'groups = [["water", "honey"]]\nmirrored = ["honey"]\npractice = 1\nfulls
 
 def scenes_of(experiment: str, count: int, prefix: str = "scene") -> list[Scene]:
     """Unfiltered scenes of one family."""
-    of_one = random_scenes(2 * count, seed=5)[0 if experiment == "exp1" else 1 :: 2]
-    return [scene.model_copy(update={"id": f"{prefix}-{k + 1}"}) for k, scene in enumerate(of_one)]
+    goal = EXPERIMENTS.get(experiment).goal
+    of_one = [scene for scene in random_scenes(3 * count + 3, seed=5) if scene.goal.kind == goal]
+    return [
+        scene.model_copy(update={"id": f"{prefix}-{k + 1}"})
+        for k, scene in enumerate(of_one[:count])
+    ]
 
 
 def small_study(
