@@ -179,11 +179,17 @@ def test_a_model_that_raises_is_reported_with_its_error(tmp_path, monkeypatch, c
 
     monkeypatch.setattr(simple, "judge", fail)
     result, _ = swept(small_plan(), study / "sweep")
-    assert result.failures[0].message.startswith("ValueError: no such corner (test_run.py, line")
+    message = result.failures[0].message
+    assert message.startswith(
+        "model 'simple' failed: ValueError: no such corner (test_run.py, line"
+    )
     assert result.failures[0].attempts == 3
     assert result.table.loc[result.table["model"] != "simple", "judgment"].notna().all()
     assert cli.run(["sweep", str(study), "--status"]) == 0
-    assert "failed 3 times: ValueError: no such corner" in capsys.readouterr().out
+    assert (
+        "failed 3 times: model 'simple' failed: ValueError: no such corner"
+        in capsys.readouterr().out
+    )
 
 
 def test_a_disk_that_spoils_every_file_is_not_written_to_for_ever(tmp_path, monkeypatch, capsys):

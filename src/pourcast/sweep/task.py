@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
 
+from pourcast.errors import ModelError
+
 OnWork = Callable[[int, float], None]
 """Called now and then with simulations that were done since the last call, and rough work [s]."""
 
@@ -29,9 +31,11 @@ class TaskResult:
 
 def told(error: Exception) -> str:
     """What an error says, and where it was raised, in one line."""
-    where = traceback.extract_tb(error.__traceback__)[-1]
+    first = error.__cause__ or error
+    where = traceback.extract_tb(first.__traceback__)[-1]
     line = f"{Path(where.filename).name}, line {where.lineno}"
-    return f"{type(error).__name__}: {error} ({line})"
+    kind = "" if isinstance(error, ModelError) else f"{type(error).__name__}: "
+    return f"{kind}{error} ({line})"
 
 
 class Task(Protocol):
