@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from pourcast import cli
-from pourcast.models.base import Model
 from pourcast.prediction import predict
 from pourcast.simulation.run import simulate
 from pourcast.sweep import shard as shard_module
@@ -171,13 +170,11 @@ def test_a_poisoned_shard_is_given_up_and_the_rest_is_done(tmp_path):
 def test_a_model_that_raises_is_reported_with_its_error(tmp_path, monkeypatch, capsys):
     study, grid = small_study(tmp_path), tmp_path / "small.toml"
     grid.write_text(SMALL)
-    found = Model.__subclasses__()
-    simple = next(kind for kind in found if kind.__name__ == "SimpleSim")
 
     def fail(self, *args, **kwargs):
         raise ValueError("no such corner")
 
-    monkeypatch.setattr(simple, "judge", fail)
+    monkeypatch.setattr("pourcast.models.simple.SimpleSim.judge", fail)
     result, _ = swept(small_plan(), study / "sweep")
     message = result.failures[0].message
     assert message.startswith(
