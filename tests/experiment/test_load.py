@@ -107,7 +107,7 @@ def test_two_hundred_participants_a_trial_a_second_for_a_minute(tmp_path, reques
 
 
 def _load(study, *options):
-    with bare_server(study.parent) as bare, ServerProcess(study, *options) as server:
+    with bare_server(study) as bare, ServerProcess(study, *options) as server:
         key = server.lab.rpartition("=")[2]
         # Once more if something else had the machine for a moment: a slow server is slow twice.
         if not _is_quick(*asyncio.run(run_load(server.port, key, bare, 0))):
