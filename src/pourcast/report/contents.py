@@ -221,12 +221,13 @@ def films(comparison: Comparison, folder: Path, count: int, tell: Report) -> lis
         Told of the progress.
     """
     by_id = {scene.id: scene for scene in comparison.scenes}
+    own = study_liquids(comparison.study)
     made = []
     wanted = list(_disagreements(comparison, count).items())[:count]
     for done, ((scene, liquid), (why, shown)) in enumerate(wanted):
         tell(f"filming {scene}", done, len(wanted))
         path = folder / f"{scene}-{called(liquid)}.mp4"
-        show(by_id[scene], path, shown, liquid, own=study_liquids(comparison.study))
+        show(by_id[scene], path, shown, liquid, own=own)
         made.append(Film(scene, called(liquid), why, shown, path))
     return made
 

@@ -143,8 +143,8 @@ def liquid_names(own: Sequence[Liquid] = ()) -> list[str]:
     """Names that `resolve_liquid` knows: what liquids are called, then their names."""
     known = known_liquids(own)
     water_first = sorted(known, key=lambda liquid: liquid is not WATER)
-    called = [liquid.called for liquid in water_first]
-    return list(dict.fromkeys([*called, *(liquid.name for liquid in water_first)]))
+    names = [*(liquid.called for liquid in water_first), *(liquid.name for liquid in water_first)]
+    return list(dict.fromkeys(names))
 
 
 def resolve_liquid(name: str | Liquid, scene: Scene, own: Sequence[Liquid] = ()) -> Liquid:
