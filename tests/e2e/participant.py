@@ -103,9 +103,11 @@ class Participant:
         before = self.trial()
         self.page.wait_for_timeout(220)  # a key that is held from before is not heard
         self.page.keyboard.press("Enter")
+        # What comes next is shown once the answer is on the browser's disk, and no sooner.
         self.page.wait_for_function(
-            "before => !document.querySelector('.slider')"
-            " || document.querySelector('.progress').innerText !== before",
+            "before => document.querySelector('.slider')"
+            " ? document.querySelector('.progress').innerText !== before"
+            " : document.querySelector('#page').innerText.trim()",
             arg=before,
         )
 
