@@ -155,7 +155,8 @@ def _source(opening: _Opening, storage: Storage, schedule: Schedule, where: str)
     """What an opening line speaks of; nothing is written yet."""
     if opening.format != FORMAT:
         raise InputError(f"{where}: format: expected {FORMAT}, found {opening.format}")
-    known = storage.session_of(opening.session)
+    # A token, in files of pages that knew no key.
+    known = storage.session_with_key(opening.session) or storage.session_of(opening.session)
     if known is not None:
         return _Source(opening, known, known.steps)
     if opening.group is None or opening.place is None:
@@ -176,6 +177,7 @@ def _opened(source: _Source, storage: Storage, now: float) -> Session:
         opening.identifiers,
         tab="",
         participant=who.participant if who else "",
+        key=opening.session,
     )
     assert opening.group is not None
     assert opening.place is not None

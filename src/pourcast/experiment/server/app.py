@@ -257,6 +257,7 @@ class _Api:
         """What the browser must know of a session."""
         experiment = self.experiment
         view = participant_view(experiment.materials, experiment.texts) | {
+            "key": session.key,
             "participant": session.participant,
             "entry": session.entry,
             "state": session.state,

@@ -13,6 +13,7 @@ SESSIONS = sa.Table(
     "sessions",
     TABLES,
     sa.Column("id", sa.Integer, primary_key=True),
+    sa.Column("key", sa.Text, nullable=False, unique=True),
     sa.Column("request", sa.Text, nullable=False, unique=True),
     sa.Column("participant", sa.Text, nullable=False, index=True),
     sa.Column("entry", sa.Text, nullable=False),

@@ -31,6 +31,9 @@ class Session:
     ----------
     number
         Its number in the database.
+    key
+        Its name everywhere else, in the journal and in files: never another session's, even where
+        numbers begin again in a new database.
     participant
         Code of the participant, the same for the same platform id.
     entry
@@ -52,6 +55,7 @@ class Session:
     """
 
     number: int
+    key: str
     participant: str
     entry: str
     identifiers: Mapping[str, str]
@@ -77,6 +81,8 @@ class Arrival:
         As in `Session`.
     participant
         Code of the participant; empty for a new one.
+    key
+        Of a session that was run elsewhere, its name there; empty for a new one.
     """
 
     request: str
@@ -84,6 +90,7 @@ class Arrival:
     identifiers: Mapping[str, str]
     tab: str
     participant: str = ""
+    key: str = ""
 
 
 class Refusal(Exception):  # noqa: N818 - nothing went wrong
@@ -115,6 +122,11 @@ def all_sessions(connection: sa.Connection) -> list[Session]:
 def session_by_number(connection: sa.Connection, number: int) -> Session | None:
     """The session with a number, if there is one."""
     return _first_session(connection, SESSIONS.c.id == number)
+
+
+def session_by_key(connection: sa.Connection, key: str) -> Session | None:
+    """The session with a key, if there is one."""
+    return _first_session(connection, SESSIONS.c.key == key)
 
 
 def session_by_request(connection: sa.Connection, request: str) -> Session | None:
@@ -219,6 +231,7 @@ def insert_session(
     content = [step.model_dump(exclude_defaults=True) | {"seq": step.seq} for step in steps]
     result = connection.execute(
         SESSIONS.insert().values(
+            key=arrival.key or secrets.token_hex(16),
             request=arrival.request,
             participant=arrival.participant or f"{arrival.entry}-{secrets.token_hex(4)}",
             entry=arrival.entry,
@@ -271,6 +284,7 @@ def _first_session(connection: sa.Connection, where: sa.ColumnElement[bool]) -> 
 def _session(row: Mapping[Any, Any]) -> Session:
     return Session(
         number=row["id"],
+        key=row["key"],
         participant=row["participant"],
         entry=row["entry"],
         identifiers=json.loads(row["identifiers"]),

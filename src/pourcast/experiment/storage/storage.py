@@ -32,6 +32,7 @@ from pourcast.experiment.storage.sessions import (
     drop_stale_sessions,
     end_session,
     insert_session,
+    session_by_key,
     session_by_number,
     session_by_request,
     session_by_token,
@@ -156,6 +157,11 @@ class Storage:
         """Session that a token belongs to, if any."""
         with self._transaction() as connection:
             return session_by_token(connection, token)
+
+    def session_with_key(self, key: str) -> Session | None:
+        """Session with a key, if any."""
+        with self._transaction() as connection:
+            return session_by_key(connection, key)
 
     def claim(self, session: int, tab: str, now: float) -> None:
         """Give a session to a browser tab; any other is told so."""

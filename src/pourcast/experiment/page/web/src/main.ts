@@ -262,8 +262,8 @@ class Study {
        <p><a class="jspsych-btn" download="pourcast-${escaped(session.code)}.jsonl">${escaped(texts.download)}</a></p>`,
     );
     const content = lines(
-      this.transport.opening(session.token),
-      session.token,
+      this.transport.opening(session),
+      session.key,
       this.outbox.of(session.token),
     );
     const link = page.querySelector("a") as HTMLAnchorElement;

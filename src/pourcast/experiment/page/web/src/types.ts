@@ -64,6 +64,8 @@ export type Answers = { [seq: string]: { response: number; rt: number } };
 
 export interface Session extends Experiment, Partial<Farewell> {
   token: string;
+  /** The session's name in files; unlike the token it lets nobody write. */
+  key: string;
   participant: string;
   entry: string;
   state: string;

@@ -95,7 +95,7 @@ export class OurServer extends Network {
   private told(token: string): Partial<Session> {
     const session = this.sessions.get(token);
     const done = [...(session?.kept.keys() ?? [])];
-    return { steps: STEPS, done, state: session?.state ?? "", code: "K7", entry: "link" };
+    return { key: `key-of-${token}`, steps: STEPS, done, state: session?.state ?? "", code: "K7", entry: "link" };
   }
 }
 

@@ -116,9 +116,9 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
 
   it("opens the file that a participant downloads", async () => {
     const transport = make().page();
-    const { token } = await transport.begin("request-1", "tab");
-    const opening = { format: "pourcast-records", schema_version: 1, session: token };
-    expect(transport.opening(token)).toMatchObject(opening);
+    const session = await transport.begin("request-1", "tab");
+    const opening = { format: "pourcast-records", schema_version: 1, session: session.key };
+    expect(transport.opening(session)).toMatchObject(opening);
   });
 
   it("has stimuli beside the page", () => {
@@ -299,8 +299,9 @@ describe("a static folder", () => {
   it("sends all records at the end, as one file", async () => {
     const network = new WebHost().install();
     const transport = new StaticTransport(LINK);
-    const { token } = await transport.begin("request-1");
-    const opening = transport.opening(token);
+    const session = await transport.begin("request-1");
+    const { token } = session;
+    const opening = transport.opening(session);
     const entries = entriesOf(token, ALL);
     await transport.finish(token, "complete", entries);
     expect([...network.files]).toEqual([[`${token}.jsonl`, lines(opening, token, entries)]]);
@@ -360,7 +361,7 @@ describe("a static folder", () => {
     const session = await alone.begin("request-2");
     expect((await refusal(alone.finish(session.token, "complete", entriesOf(session.token, ALL)))).reason).toBe("file");
     // The file can still be made, and after a reload, too.
-    expect(alone.opening(session.token)).toEqual(new StaticTransport(LINK).opening(session.token));
+    expect(alone.opening(session)).toEqual(new StaticTransport(LINK).opening(session));
   });
 
   it("works where the browser keeps nothing, until the page is closed", async () => {

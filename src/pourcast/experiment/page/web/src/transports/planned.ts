@@ -61,6 +61,7 @@ export function sessionOf(plan: Plan, opening: Opening): Session {
   return {
     ...plan,
     token: opening.session,
+    key: opening.session,
     participant: "",
     entry: opening.entry,
     state: "open",

@@ -23,8 +23,8 @@ export class ServerTransport implements Transport {
     return this.ask("POST", "api/session/finish", { state }, token);
   }
 
-  opening(token: string): object {
-    return { format: "pourcast-records", schema_version: 1, session: token };
+  opening(session: Session): object {
+    return { format: "pourcast-records", schema_version: 1, session: session.key };
   }
 
   mediaUrl(name: string): string {

@@ -35,7 +35,7 @@ export class StaticTransport implements Transport {
   }
 
   async resume(token: string): Promise<Session> {
-    return sessionOf(await this.fetched(), this.opening(token));
+    return sessionOf(await this.fetched(), this.openingOf(token));
   }
 
   save(): Promise<{ superseded: boolean }> {
@@ -44,7 +44,7 @@ export class StaticTransport implements Transport {
 
   async finish(token: string, end: End, entries: Entry[]): Promise<Ended> {
     const plan = await this.fetched();
-    const opening = this.opening(token);
+    const opening = this.openingOf(token);
     const session = sessionOf(plan, opening);
     const missing = end === "complete" ? missingOf(session, entries) : [];
     if (missing.length) return { missing };
@@ -60,7 +60,11 @@ export class StaticTransport implements Transport {
     return { missing: [], ...farewellOf(plan, end, session.code) };
   }
 
-  opening(token: string): Opening {
+  opening(session: Session): Opening {
+    return this.openingOf(session.token);
+  }
+
+  private openingOf(token: string): Opening {
     const opening = this.known(token);
     if (!opening) throw new Refused("gone", 410);
     return opening;

@@ -30,6 +30,6 @@ export interface Transport {
   /** Ends the session, or names the steps that are missing; `entries` are all its records. */
   finish(token: string, state: End, entries: Entry[]): Promise<Ended>;
   /** The line that says whose records follow, in the file that a participant downloads. */
-  opening(token: string): object;
+  opening(session: Session): object;
   mediaUrl(name: string): string;
 }
