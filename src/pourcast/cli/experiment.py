@@ -11,9 +11,10 @@ import typer
 from pourcast.cli.observers import experiment_app
 from pourcast.cli.options import JsonOption, StudyArgument
 from pourcast.cli.terminal import print_json, print_table, progress_bar
-from pourcast.errors import InputError
+from pourcast.errors import InputError, StoreError
 
 if TYPE_CHECKING:
+    from pourcast.experiment.design.steps import Schedule
     from pourcast.experiment.storage.storage import Storage
 
 
@@ -158,7 +159,12 @@ def data(
     ] = False,
     import_files: Annotated[
         list[Path] | None,
-        typer.Option("--import", metavar="FILE", help="Take in a participant's or JATOS's file."),
+        typer.Option(
+            "--import",
+            metavar="FILE",
+            help="Take in answers: a participant's file, JATOS's or DataPipe's archive or folder, "
+            "STUDY/responses.jsonl if the database is lost.",
+        ),
     ] = None,
     withdraw: Annotated[
         str | None,
@@ -173,13 +179,13 @@ def data(
     Example: pourcast experiment data my-study --format psych-ds -o my-data
     """
     with _storage(study, database, must_exist=not import_files) as storage:
-        if import_files:
-            _import(study, storage, import_files)
+        left_out = _import(study, storage, import_files) if import_files else 0
         if withdraw is not None:
             _withdraw(study, storage, withdraw)
-        if out is None and (import_files or withdraw is not None):
-            return
-        _write(study, storage, out or study / "data", form, identifiers, preview)
+        if out is not None or not (import_files or withdraw is not None):
+            _write(study, storage, out or study / "data", form, identifiers, preview)
+    if left_out:
+        raise StoreError(f"{left_out} lines were left out, as said above; the others are taken in")
 
 
 @experiment_app.command()
@@ -220,29 +226,59 @@ def export(
         typer.echo(f"{static}: put it on a web host; index.html is the link")
 
 
-def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
+def _import(study: Path, storage: "Storage", paths: list[Path]) -> int:
+    """Take in files of answers; returns how many lines were left out."""
     import time
 
-    from pourcast.experiment.data.record_import import import_records
-    from pourcast.experiment.design.materials import prepare_materials
+    from pourcast.experiment.data.record_import import import_records, restore
     from pourcast.experiment.storage.journal import Journal
 
-    with progress_bar() as report:
-        materials = prepare_materials(study, storage.secret, report)
     journal = Journal.of_study(study)
+    schedule = _schedule(study, storage)
+    left_out = 0
+    if not any(path.resolve() == journal.path.resolve() for path in paths):
+        # A file may be of a session that the study's own journal alone knows.
+        restored = restore(storage, journal, schedule, time.time())
+        if restored.opened:
+            typer.echo(f"{journal.path}: {restored.opened} sessions are restored")
     for path in paths:
-        summary = import_records(path, storage, journal, materials.steps, time.time())
+        summary = import_records(path, storage, journal, schedule, time.time())
+        for message in summary.messages:
+            typer.echo(message, err=True)
         typer.echo(
-            f"{path}: {summary.sessions} sessions, {summary.new} new records, "
-            f"{summary.repeated} that were there, {summary.conflicts} kept aside"
+            f"{path}: {summary.sessions} sessions ({summary.opened} of them new), {summary.new} "
+            f"new records, {summary.repeated} that were there, {summary.conflicts} kept aside"
+            + ("" if summary.changes else "; nothing has changed")
         )
+        left_out += summary.left_out
+    return left_out
+
+
+def _schedule(study: Path, storage: "Storage") -> "Schedule":
+    """The study's schedule; its materials are made ready when it is first asked."""
+    from functools import cache
+
+    from pourcast.experiment.design.materials import Materials, prepare_materials
+
+    @cache
+    def materials() -> Materials:
+        with progress_bar() as report:
+            return prepare_materials(study, storage.secret, report)
+
+    return lambda group, place: materials().steps(group, place)
 
 
 def _withdraw(study: Path, storage: "Storage", who: str) -> None:
+    import time
+
+    from pourcast.experiment.data.record_import import restore
     from pourcast.experiment.data.withdrawal import withdraw
     from pourcast.experiment.storage.journal import Journal
 
-    for line in withdraw(study, storage, Journal.of_study(study), who):
+    journal = Journal.of_study(study)
+    # Whom the journal alone knows can withdraw, too.
+    restore(storage, journal, _schedule(study, storage), time.time())
+    for line in withdraw(study, storage, journal, who):
         typer.echo(f"deleted: {line}")
     typer.echo("tables that you wrote elsewhere are as they were; write them again")
 

@@ -12,6 +12,7 @@ from pourcast.experiment.data.tables import trials_table
 from pourcast.experiment.design.settings import read_design
 from pourcast.experiment.storage.journal import NAME as JOURNAL
 from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.sessions import DROPPED
 from pourcast.experiment.storage.storage import Storage
 
 
@@ -114,11 +115,13 @@ def overview(storage: Storage, journal: Journal) -> Overview:
         (str(liquid), str(scene)): answers.tolist()
         for (liquid, scene), answers in test.groupby(["liquid", "scene"], sort=True)["response"]
     }
+    # That somebody was dropped is told by the time, too.
+    lines = [line for line in storage.journal_lines() if line.get("state") != DROPPED]
     return Overview(
         states,
         median_rt=float(test["rt"].median()),
         judgments=len(trials),
         conflicts=sum(record.session in recruited for record in storage.conflicts()),
-        missing_in_journal=len(journal.missing(storage.journal_lines())),
+        missing_in_journal=len(journal.missing(lines)),
         responses=responses,
     )

@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pourcast.errors import StoreError
+from pourcast.experiment.data.record_import import restore
 from pourcast.experiment.design.links import Visitor
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.storage.failures import LOGGER, Failures
-from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.journal import Journal, journal_words
 from pourcast.experiment.storage.record_bodies import canonical
 from pourcast.experiment.storage.record_lines import (
     Line,
@@ -97,20 +98,33 @@ class LiveExperiment:
         journal_retry: float = _JOURNAL_RETRY,
     ) -> None:
         self.study, self.storage, self.clock = study, storage, clock
+        self.journal = Journal.of_study(study)
+        storage.take_words(journal_words(self.journal.path))
         self.materials = prepare_materials(study, storage.secret, report)
         self.scenes, self.design = self.materials.scenes, self.materials.design
         self.texts = texts_of(study, self.design)
-        self.journal = Journal.of_study(study)
+        self._restore()
         self.storage_failures = Failures("participants' browsers try again until it works")
         self.materials.publish_for(
             session.steps for session in storage.sessions() if session.state == OPEN
         )
-        self.journal.catch_up(storage.journal_lines())
+        self._states = storage.states()
         self._visits = _Visits(sessions_per_address)
         self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
         self._journal_retry = journal_retry
         self._waiting: asyncio.Queue[_Waiting] | None = None
+
+    def _restore(self) -> None:
+        """Take in what the journal has and the database, which may be a new one, has not."""
+        restored = restore(self.storage, self.journal, self.materials.steps, self.clock())
+        if restored.opened or restored.new:
+            LOGGER.warning(
+                "%s: had %s sessions and %s records that the database lacked; they are restored",
+                self.journal.path,
+                restored.opened,
+                restored.new,
+            )
 
     @property
     def failures(self) -> list[str]:
@@ -157,6 +171,7 @@ class LiveExperiment:
                 self._note([opening_line(session, [digest])])
             else:
                 self._note([token_line(session.key, digest), tab_line(session.key, tab)])
+            self._note_states()
             return session, token
 
         return await self._call(work)
@@ -188,6 +203,7 @@ class LiveExperiment:
             if tab is not None and session is not None and session.state == OPEN:
                 self.storage.claim(session.number, tab, now)
                 self._note([tab_line(session.key, tab)])
+            self._note_states()
             return session
 
         session = await self._call(work)
@@ -247,7 +263,7 @@ class LiveExperiment:
                 if missing:
                     return missing
             self.storage.end(session.number, state)
-            self._note([state_line(session.key, state)])
+            self._note_states()
             return []
 
         missing = await self._call(work)
@@ -300,6 +316,16 @@ class LiveExperiment:
         )
         return results
 
+    def _note_states(self) -> None:
+        """Write to the journal what has become of sessions."""
+        states = self.storage.states()
+        changed = {
+            key: state for key, state in states.items() if state != self._states.get(key, OPEN)
+        }
+        self._states = states
+        if changed:
+            self._note(state_line(key, state) for key, state in changed.items())
+
     def _note(self, lines: Iterable[Line]) -> None:
         """Write to the journal; one that is new, or was deleted, gets all that the database has."""
         if self.journal.waiting or self.journal.is_begun:
@@ -323,7 +349,7 @@ class LiveExperiment:
     def _forget_deleted_sessions(self) -> None:
         """Keep out of the journal who withdrew while it could not be written."""
         if self.journal.waiting:
-            self.journal.keep_waiting_of(self.storage.session_keys())
+            self.journal.keep_waiting_of(self.storage.states())
 
     async def _call(self, work: Callable[[], T]) -> T:
         """Do something with the database: one thing after another, off the event loop."""

@@ -1,12 +1,16 @@
 """What a record of each kind of step may say. Times are in seconds, since the step was shown."""
 
 import json
+import re
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 MAX_BODY = 65536
 """Bytes of the largest request."""
+
+_UNSTORABLE = re.compile("[\ud800-\udfff\x00]")
+"""Halves of characters, and NUL: no database takes them, nor does a text file."""
 
 _Seconds = Annotated[float, Field(ge=0.0, le=1e7, allow_inf_nan=False)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
@@ -87,6 +91,17 @@ BODIES: dict[str, type[_Body]] = {
 """What a record says, by the kind of its step."""
 
 
+def storable(value: Any) -> Any:
+    """Something of JSON's types, with U+FFFD for what no database and no text file takes."""
+    if isinstance(value, str):
+        return _UNSTORABLE.sub("\N{REPLACEMENT CHARACTER}", value)
+    if isinstance(value, list):
+        return [storable(item) for item in value]
+    if isinstance(value, dict):
+        return {storable(name): storable(item) for name, item in value.items()}
+    return value
+
+
 def canonical(kind: str, content: Any) -> str:
     """A record's body, checked, as the JSON that is stored: the same for the same content.
 
@@ -95,5 +110,5 @@ def canonical(kind: str, content: Any) -> str:
     pydantic.ValidationError
         If it is not what such a step's record says.
     """
-    body = BODIES[kind].model_validate(content).model_dump(mode="json")
+    body = BODIES[kind].model_validate(storable(content)).model_dump(mode="json")
     return json.dumps(body, sort_keys=True, separators=(",", ":"), ensure_ascii=True)

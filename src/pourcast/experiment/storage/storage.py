@@ -11,10 +11,10 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from pourcast.errors import InputError, StoreError
-from pourcast.experiment.design.steps import Schedule, Step
+from pourcast.experiment.design.steps import Schedule
 from pourcast.experiment.storage.database import error_text, open_engine
 from pourcast.experiment.storage.journal import NAME as JOURNAL
-from pourcast.experiment.storage.journal import journal_words
+from pourcast.experiment.storage.journal import how_to_restore, journal_words
 from pourcast.experiment.storage.record_lines import (
     Line,
     head_line,
@@ -31,9 +31,13 @@ from pourcast.experiment.storage.records import (
     save_records,
     saved_steps,
 )
+from pourcast.experiment.storage.restoration import (
+    identify_session,
+    restore_session,
+    restore_tokens,
+)
 from pourcast.experiment.storage.schema import CONFLICTS, RECORDS, SESSIONS, TABLES, TOKENS
 from pourcast.experiment.storage.sessions import (
-    DROPPED,
     OPEN,
     Arrival,
     Session,
@@ -44,14 +48,12 @@ from pourcast.experiment.storage.sessions import (
     claim_session,
     drop_stale_sessions,
     end_session,
-    insert_session,
     session_by_key,
     session_by_number,
-    session_by_request,
     session_by_token,
     session_to_resume,
 )
-from pourcast.experiment.storage.words import secret_words
+from pourcast.experiment.storage.words import secret_words, set_words
 from pourcast.study.folder import DATABASE, study_scenes
 
 
@@ -163,22 +165,33 @@ class Storage:
             assert session is not None
             return session, token, is_new
 
-    def insert(
-        self,
-        arrival: Arrival,
-        group: int,
-        place: int,
-        steps: Sequence[Step],
-        now: float,
-    ) -> Session:
-        """A session that was run elsewhere, in its group and place; the same request, the same."""
+    def restore(self, session: Session, tokens: Iterable[str] = ()) -> Session:
+        """A session that was run elsewhere, or that a lost database had, with its tokens' digests.
+
+        It keeps its number if nobody has it.
+        """
         with self._transaction() as connection:
-            session = session_by_request(connection, arrival.request)
-            if session is None:
-                number = insert_session(connection, arrival, group, place, steps, now)
-                session = session_by_number(connection, number)
-            assert session is not None
-            return session
+            number = restore_session(connection, session, tokens)
+            restored = session_by_number(connection, number)
+            assert restored is not None
+            return restored
+
+    def identify(self, session: Session) -> None:
+        """Say who a session is that was restored when nobody could tell: its key tells which."""
+        with self._transaction() as connection:
+            identify_session(connection, session)
+
+    def add_tokens(self, session: int, digests: Iterable[str]) -> None:
+        """Let the holders of tokens write to a session, if they can't yet."""
+        with self._transaction() as connection:
+            restore_tokens(connection, session, digests)
+
+    def take_words(self, words: Mapping[str, str]) -> None:
+        """Take over the secrets of a database that was lost, if nobody has begun in this one."""
+        with self._transaction() as connection:
+            if not all_sessions(connection):
+                set_words(connection, words)
+                self.words = secret_words(connection, dict)
 
     def session_of(self, token: str) -> Session | None:
         """Session that a token belongs to, if any."""
@@ -210,10 +223,11 @@ class Storage:
         with self._transaction() as connection:
             return all_sessions(connection)
 
-    def session_keys(self) -> set[str]:
-        """Keys of all sessions."""
+    def states(self) -> dict[str, str]:
+        """The states of all sessions, by key."""
         with self._transaction() as connection:
-            return set(connection.scalars(sa.select(SESSIONS.c.key)))
+            rows = connection.execute(sa.select(SESSIONS.c.key, SESSIONS.c.state))
+            return {row.key: row.state for row in rows}
 
     # Records -------------------------------------------------------------------------
 
@@ -255,11 +269,10 @@ class Storage:
             *(token_line(sessions[number].key, digest) for number, digest in tokens),
             *(record_line(sessions[one.session], one) for one in records),
             *(record_line(sessions[one.session], one, aside=True) for one in conflicts),
-            # Who was dropped is told by when they were last heard of.
             *(
                 state_line(one.key, one.state)
                 for one in sessions.values()
-                if one.state not in (OPEN, DROPPED)
+                if one.state != OPEN  # as its opening line has it
             ),
         ]
 
@@ -327,7 +340,8 @@ def study_storage(study: Path, url: str | None, *, must_exist: bool = True) -> I
     """
     study_scenes(study)
     if must_exist and url is None and not (study / DATABASE).is_file():
-        raise InputError(f"{study / DATABASE}: not there; nobody has taken part yet")
+        todo = how_to_restore(study) or "nobody has taken part yet"
+        raise InputError(f"{study / DATABASE}: not there; {todo}")
     storage = Storage.of_study(study, url)
     try:
         yield storage

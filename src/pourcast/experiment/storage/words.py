@@ -1,7 +1,9 @@
 """The secrets of a database: random words that links, codes and names of media are made with."""
 
+import re
 import secrets
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import sqlalchemy as sa
 
@@ -11,7 +13,7 @@ NAMES = ("secret", "admin")
 
 
 def secret_words(
-    connection: sa.Connection, former: Callable[[], Mapping[str, str]]
+    connection: sa.Connection, former: Callable[[], Mapping[str, Any]]
 ) -> dict[str, str]:
     """The words of a database, by name; a new one gets its former ones, or is made new ones.
 
@@ -24,16 +26,25 @@ def secret_words(
     """
     words = _kept(connection)
     if len(words) < len(NAMES):
-        known = {**former(), **words}
-        set_words(connection, {name: known.get(name) or secrets.token_hex(16) for name in NAMES})
+        made = {name: secrets.token_hex(16) for name in NAMES}
+        set_words(connection, made | _whole(former()) | words)
         words = _kept(connection)
     return words
 
 
-def set_words(connection: sa.Connection, words: Mapping[str, str]) -> None:
-    """Put words in the place of those that the database has."""
-    connection.execute(META.delete().where(META.c.name.in_(NAMES)))
-    connection.execute(META.insert(), [{"name": name, "value": words[name]} for name in NAMES])
+def set_words(connection: sa.Connection, words: Mapping[str, Any]) -> None:
+    """Put words in the place of those that the database has; what is no such word is left alone."""
+    for name, word in _whole(words).items():
+        connection.execute(META.delete().where(META.c.name == name))
+        connection.execute(META.insert().values(name=name, value=word))
+
+
+def _whole(words: Mapping[str, Any]) -> dict[str, str]:
+    return {
+        name: str(words[name])
+        for name in NAMES
+        if re.fullmatch("(?:[0-9a-f]{2}){8,64}", str(words.get(name)))
+    }
 
 
 def _kept(connection: sa.Connection) -> dict[str, str]:
