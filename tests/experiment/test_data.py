@@ -62,7 +62,7 @@ def test_tables_hold_every_answer_and_no_platform_id(collected, tmp_path, capsys
     call("data", collected, "-o", tmp_path / "ids", "--identifiers", "--preview")
     people = pd.read_csv(tmp_path / "ids" / "participants.csv")
     assert len(people) == 3
-    assert people["PROLIFIC_PID"].tolist()[1] == "5f0secret"
+    assert people["id_PROLIFIC_PID"].tolist()[1] == "5f0secret"
 
 
 def test_comparing_reads_the_database_and_turns_no_cup_around(collected):

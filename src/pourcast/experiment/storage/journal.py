@@ -19,7 +19,7 @@ from pourcast.experiment.storage.failures import LOGGER, Failures
 from pourcast.experiment.storage.records import Record
 from pourcast.experiment.storage.sessions import Session
 from pourcast.experiment.storage.storage import Storage
-from pourcast.files import replacing
+from pourcast.files import PRIVATE, keep_private, replacing
 
 NAME = "responses.jsonl"
 
@@ -39,8 +39,10 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.failures = Failures("new records are in the database alone until it can be")
-        self._lock = FileLock(path.with_suffix(".lock"))
+        self._lock = FileLock(path.with_suffix(".lock"), mode=PRIVATE)
         self._waiting: list[str] = []
+        keep_private(path)
+        keep_private(path.with_suffix(".lock"))
 
     @classmethod
     def of_study(cls, study: Path) -> "Journal":
@@ -146,7 +148,7 @@ class Journal:
     def _remove_from_file(self, match: Callable[[Mapping[str, Any]], bool]) -> int:
         lines = list(self.lines())
         kept = [line for line in lines if not match(line)]
-        with replacing(self.path) as temporary:
+        with replacing(self.path, private=True) as temporary:
             temporary.write_bytes("".join(_dumps(line) for line in kept).encode())
         return len(lines) - len(kept)
 
@@ -182,7 +184,7 @@ def opening_record(session: Session) -> Record:
 
 def _append(path: Path, lines: bytes) -> None:
     """Append all of it, or nothing."""
-    handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+    handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, PRIVATE)
     try:
         size = os.fstat(handle).st_size
         if size:
