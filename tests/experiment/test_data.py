@@ -62,7 +62,7 @@ def test_tables_hold_every_answer_and_no_platform_id(collected, tmp_path, capsys
     call("data", collected, "-o", tmp_path / "ids", "--identifiers", "--preview")
     people = pd.read_csv(tmp_path / "ids" / "participants.csv")
     assert len(people) == 3
-    assert people["PROLIFIC_PID"].tolist()[1] == "5f0secret"
+    assert people["id_PROLIFIC_PID"].tolist()[1] == "5f0secret"
 
 
 def test_comparing_reads_the_database_and_turns_no_cup_around(collected):
@@ -174,7 +174,10 @@ def test_a_file_that_a_participant_downloaded_completes_the_session(tmp_path, ca
     assert said["groups"] == [{"group": 1, "complete": 1}]
     assert said["judgments"] == 7
     assert call("data", study, "--import", path) == 0
-    assert f"0 new records, {len(told['steps'])} that were there, 0 kept aside; nothing has changed" in capsys.readouterr().out
+    assert (
+        f"0 new records, {len(told['steps'])} that were there, 0 kept aside; nothing has changed"
+        in capsys.readouterr().out
+    )
 
 
 def test_a_file_of_a_session_that_no_server_saw_makes_one(tmp_path, capsys):

@@ -255,7 +255,7 @@ def test_what_cannot_be_saved_is_not_acknowledged(api, monkeypatch):
     assert api.put(told, 0, answer("consent")).json()["saved"] == "new"
 
 
-def full(*_):
+def full(*_, **__):
     raise OSError(28, "No space left on device")
 
 

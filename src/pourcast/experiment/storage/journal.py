@@ -27,15 +27,12 @@ from pourcast.experiment.storage.record_lines import (
     line_names,
     names_of,
 )
-from pourcast.files import replacing
+from pourcast.files import PRIVATE, keep_private, replacing
 
 NAME = "responses.jsonl"
 
 _LONGEST_WAIT = 2.0
 """After so long a journal that another process has is given up for now [s]."""
-
-_MODE = 0o600
-"""It has what the database has: nobody but its owner reads it."""
 
 
 class Journal:
@@ -50,8 +47,10 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.failures = Failures("new records are in the database alone until it can be")
-        self._lock = FileLock(path.with_suffix(".lock"))
+        self._lock = FileLock(path.with_suffix(".lock"), mode=PRIVATE)
         self._waiting: list[Line] = []
+        keep_private(path)
+        keep_private(path.with_suffix(".lock"))
 
     @classmethod
     def of_study(cls, study: Path) -> "Journal":
@@ -209,8 +208,7 @@ class Journal:
 
     def rewrite(self, content: bytes) -> None:
         """Put something else in the place of the file, all of it or nothing."""
-        with self._lock, replacing(self.path) as temporary:
-            temporary.chmod(_MODE)
+        with self._lock, replacing(self.path, private=True) as temporary:
             temporary.write_bytes(content)
 
     @contextmanager
@@ -261,7 +259,7 @@ def how_to_restore(study: Path) -> str:
 
 def _append(path: Path, lines: bytes) -> None:
     """Append all of it, or nothing."""
-    handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, _MODE)
+    handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, PRIVATE)
     try:
         size = os.fstat(handle).st_size
         if size:

@@ -12,7 +12,7 @@ import sqlalchemy as sa
 
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.design.steps import Schedule
-from pourcast.experiment.storage.database import error_text, open_engine
+from pourcast.experiment.storage.database import error_text, open_engine, shown_url
 from pourcast.experiment.storage.journal import NAME as JOURNAL
 from pourcast.experiment.storage.journal import how_to_restore, journal_words
 from pourcast.experiment.storage.record_lines import (
@@ -79,6 +79,7 @@ class Storage:
     def __init__(self, url: str, words: Callable[[], Mapping[str, str]] = dict) -> None:
         self.engine = open_engine(url)
         self.url = self.engine.url
+        self.shown_url = shown_url(self.url)
         with self._transaction() as connection:
             TABLES.create_all(connection)
             self.words = secret_words(connection, words)
@@ -110,7 +111,7 @@ class Storage:
             with self.engine.begin() as connection:
                 yield connection
         except sa.exc.SQLAlchemyError as error:
-            raise StoreError(f"{self.url.render_as_string()}: {error_text(error)}") from None
+            raise StoreError(f"{self.shown_url}: {error_text(error)}") from None
 
     # Sessions ------------------------------------------------------------------------
 
@@ -313,7 +314,7 @@ class Storage:
                 connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
         except sa.exc.SQLAlchemyError as error:
             raise StoreError(
-                f"{self.url.render_as_string()}: rows were deleted, but the file could not be "
+                f"{self.shown_url}: rows were deleted, but the file could not be "
                 f"written anew without them ({error_text(error)})"
             ) from None
 
