@@ -57,39 +57,45 @@ class Place(NamedTuple):
 
 
 class Faults:
-    """What was left out, and where."""
+    """What was left out, and where; beside it, what else is to be told."""
 
     def __init__(self) -> None:
-        self._found: list[tuple[Place, Place, str]] = []
+        self._left_out: list[tuple[Place, Place, str]] = []
+        self._notes: list[tuple[Place, Place, str]] = []
 
     def add(self, place: Place, message: str) -> None:
-        """Note a fault; lines that follow one another with the same fault are one."""
-        if self._found:
-            first, last, before = self._found[-1]
+        """Say why something was left out; what follows one another for the same reason is one."""
+        if self._left_out:
+            first, last, before = self._left_out[-1]
             if before == message and _follows(place, last):
-                self._found[-1] = first, place, message
+                self._left_out[-1] = first, place, message
                 return
-        self._found.append((place, place, message))
+        self._left_out.append((place, place, message))
+
+    def note(self, place: Place, message: str) -> None:
+        """Say what became of something that was taken in."""
+        self._notes.append((place, place, message))
 
     def __len__(self) -> int:
         """How many lines or items were left out."""
         return sum(
             1 + (last.item - first.item if first.item else last.line - first.line)
-            for first, last, _ in self._found
+            for first, last, _ in self._left_out
         )
 
     def lines(self, file: str) -> set[int]:
         """Numbers of a file's lines that something was left out of."""
         return {
             number
-            for first, last, _ in self._found
+            for first, last, _ in self._left_out
             if first.file == file
             for number in range(first.line, last.line + 1)
         }
 
     def messages(self) -> list[str]:
-        """What was left out, a line each."""
-        return [f"{first}{_to(first, last)}: {message}" for first, last, message in self._found]
+        """A line each, in the order of files and lines."""
+        told = sorted([*self._left_out, *self._notes])
+        return [f"{first}{_to(first, last)}: {message}" for first, last, message in told]
 
 
 def answer_files(path: Path, faults: Faults) -> Iterator[tuple[str, bytes]]:

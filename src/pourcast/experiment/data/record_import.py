@@ -239,7 +239,6 @@ class _Importer:
         self.storage, self.schedule, self.now = storage, schedule, now
         self.faults = Faults()
         """What was left out."""
-        self._notes: list[str] = []
         self._counts: Counter[str] = Counter()
         self._is_journal = False
         """Whether a server wrote the lines: it tells more than a participant's browser can."""
@@ -268,7 +267,7 @@ class _Importer:
             self._counts["repeated"],
             self._counts["conflict"],
             len(self.faults),
-            (*self.faults.messages(), *self._notes),
+            tuple(self.faults.messages()),
         )
 
     def _take_words(self, place: Place, head: Mapping[str, Any]) -> None:
@@ -307,9 +306,10 @@ class _Importer:
         opening = run.opening
         if opening is None:
             opening = _Opening(session=key, entry=UNKNOWN)
-            self._notes.append(
-                f"{run.records[0][0]}: no line opens session {key}; it is taken in as one of group "
-                f"{group + 1}, order {place_number}, with the entry {UNKNOWN!r}"
+            self.faults.note(
+                run.records[0][0],
+                f"no line opens session {key}; it is taken in as one of group "
+                f"{group + 1}, order {place_number}, with the entry {UNKNOWN!r}",
             )
         started = self.now if opening.started is None else opening.started
         session = Session(
@@ -415,8 +415,8 @@ class _Importer:
             self._counts[result.status] += 1
         elif result.kept:
             self._counts["conflict"] += 1
-            self._notes.append(
-                f"{place}: step {record.seq} has another answer already; this one is kept aside"
+            self.faults.note(
+                place, f"step {record.seq} has another answer already; this one is kept aside"
             )
         elif self._is_aside(record):
             self._counts["repeated"] += 1
