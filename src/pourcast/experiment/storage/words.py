@@ -2,7 +2,7 @@
 
 import re
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import sqlalchemy as sa
@@ -12,23 +12,19 @@ from pourcast.experiment.storage.schema import META
 NAMES = ("secret", "admin")
 
 
-def secret_words(
-    connection: sa.Connection, former: Callable[[], Mapping[str, Any]]
-) -> dict[str, str]:
-    """The words of a database, by name; a new one gets its former ones, or is made new ones.
+def made_words(connection: sa.Connection, former: Mapping[str, Any]) -> dict[str, str]:
+    """Give a new database its words, and return them by name.
 
     Parameters
     ----------
     connection
-        A transaction.
+        A transaction that writes.
     former
-        Called if there are none: those that the study had before its database was lost.
+        Those that the study had before its database was lost; the others are made up.
     """
-    words = _kept(connection)
-    if len(words) < len(NAMES):
-        made = {name: secrets.token_hex(16) for name in NAMES}
-        set_words(connection, made | _whole(former()) | words)
-        words = _kept(connection)
+    known = {**_whole(former), **kept_words(connection)}
+    words = {name: known.get(name) or secrets.token_hex(16) for name in NAMES}
+    set_words(connection, words)
     return words
 
 
@@ -40,6 +36,7 @@ def set_words(connection: sa.Connection, words: Mapping[str, Any]) -> None:
 
 
 def _whole(words: Mapping[str, Any]) -> dict[str, str]:
+    """Those of some words that are such as these, whatever else a file has."""
     return {
         name: str(words[name])
         for name in NAMES
@@ -47,6 +44,7 @@ def _whole(words: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _kept(connection: sa.Connection) -> dict[str, str]:
+def kept_words(connection: sa.Connection) -> dict[str, str]:
+    """The words that a database has, by name."""
     rows = connection.execute(sa.select(META).where(META.c.name.in_(NAMES)))
     return {row.name: row.value for row in rows}
