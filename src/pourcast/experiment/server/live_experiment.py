@@ -94,6 +94,7 @@ class LiveExperiment:
         # All that an earlier server's stamps tell may be of another clock.
         self.storage.wait_anew(self.clock())
         self._delete_declined()
+        self.storage.forget_log()
         self.journal.catch_up(journal_records(storage))
         self._journal_identity = self._identity_of_journal()
         self._is_away = False

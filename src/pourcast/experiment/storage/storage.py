@@ -93,8 +93,12 @@ class Storage:
             self.engine = server_engine(self.url)
         else:
             self._open_file(Path(self.url.database or ""))
-        self._prepare_tables()
-        words = self._words()
+        try:
+            self._prepare_tables()
+            words = self._words()
+        except BaseException:
+            self.close()
+            raise
         self.secret, self.admin_token = bytes.fromhex(words["secret"]), words["admin"]
 
     @classmethod
