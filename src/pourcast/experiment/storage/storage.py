@@ -109,9 +109,13 @@ class Storage:
             self.engine = server_engine(self.url)
         else:
             self._open_file(Path(self.url.database or ""))
-        self._prepare_tables()
-        self.words = self._secret_words(words)
-        """The database's secrets: what links, codes and names of media are made with."""
+        try:
+            self._prepare_tables()
+            self.words = self._secret_words(words)
+            """The database's secrets: what links, codes and names of media are made with."""
+        except BaseException:
+            self.close()
+            raise
 
     @classmethod
     def of_study(cls, study: Path, url: str | None = None) -> "Storage":
