@@ -239,7 +239,7 @@ class LiveExperiment:
             if state == "declined":
                 # The database last: it tells who they are, should this fail and be tried again.
                 self.journal.remove([session.key])
-                self.storage.delete([session.number], vacuum=False)
+                self.storage.delete([session.number])
                 return []
             if state == COMPLETE:
                 saved = set(self.storage.saved_steps(session.number))

@@ -12,7 +12,7 @@ import sqlalchemy as sa
 
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.design.steps import Schedule, Step
-from pourcast.experiment.storage.database import error_text, open_engine, shown_url
+from pourcast.experiment.storage.database import error_text, open_engine, shown_url, write_anew
 from pourcast.experiment.storage.journal import NAME as JOURNAL
 from pourcast.experiment.storage.journal import journal_words
 from pourcast.experiment.storage.record_lines import (
@@ -266,15 +266,16 @@ class Storage:
 
     # All of it -----------------------------------------------------------------------
 
-    def delete(self, sessions: Iterable[int], *, vacuum: bool = True) -> dict[str, int]:
+    def delete(self, sessions: Iterable[int]) -> dict[str, int]:
         """Delete sessions and all that belongs to them; returns the rows deleted by table.
 
-        With `vacuum`, SQLite's file is written anew without them.
+        SQLite overwrites them with zeros (`secure_delete`), but for its write-ahead log; see
+        `write_anew`.
 
         Raises
         ------
         StoreError
-            If they could not be deleted, or the file not be written anew.
+            If they could not be deleted.
         """
         numbers = list(sessions)
         deleted = {}
@@ -287,22 +288,28 @@ class Storage:
             ):
                 result = connection.execute(table.delete().where(column.in_(numbers)))
                 deleted[table.name] = result.rowcount
-        if vacuum and self.url.get_backend_name() == "sqlite":
-            self._vacuum()
         return deleted
 
-    def _vacuum(self) -> None:
-        """Write SQLite's file anew, so that nothing deleted stays in free pages or in the log."""
+    def write_anew(self) -> None:
+        """Write the database's files anew, so that nothing deleted stays in them.
+
+        SQLite's write-ahead log is emptied; PostgreSQL's is its server's.
+
+        Raises
+        ------
+        StoreError
+            If another program that uses the database holds it up for too long.
+        """
         try:
             with self.engine.connect().execution_options(
                 isolation_level="AUTOCOMMIT"
             ) as connection:
-                connection.exec_driver_sql("VACUUM")
-                connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
-        except sa.exc.SQLAlchemyError as error:
+                write_anew(connection)
+        except (sa.exc.SQLAlchemyError, StoreError) as error:
             raise StoreError(
-                f"{self.shown_url}: rows were deleted, but the file could not be "
-                f"written anew without them ({error_text(error)})"
+                f"{self.shown_url}: rows were deleted, but the files could not be written anew "
+                f"without them ({error_text(error)}); say it again when no other program has the "
+                "database open for long"
             ) from None
 
 
