@@ -12,7 +12,7 @@ _SHORTEST = 6
 """A name with fewer letters stands in many files that speak of nobody."""
 
 _DISTINCTIVE = 10
-"""Platforms' ids have as many letters; so many tell a person from all others."""
+"""Platforms' ids have as many letters, digits among them: no other word is written so."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,17 @@ class Person:
     @property
     def distinctive(self) -> set[str]:
         """What others call the person, as far as hardly anybody else can be called so."""
-        return {name for name in self.given if len(name) >= _DISTINCTIVE}
+        return {
+            name
+            for name in self.given
+            if len(name) >= _DISTINCTIVE and any(letter.isdigit() for letter in name)
+        }
 
     @property
     def to_look_for(self) -> list[str]:
         """What files elsewhere may call the person."""
-        return sorted(self.given | self.participants | self.completion_codes | self.keys)
+        codes = {one.participant for one in self.sessions if one.participant} or self.codes
+        return sorted(self.given | codes | self.completion_codes | self.keys)
 
     def needles(self) -> list[Needle]:
         """What to look for in files."""

@@ -88,7 +88,10 @@ def withdraw(
     findings = _search(study, storage, person)
     named = person.distinctive or any(one in person.codes for one in _words(findings))
     if not person.sessions and not (findings.found and named):
-        raise InputError(f"withdraw: there is no participant {who!r}")
+        raise InputError(
+            f"withdraw: there is no participant {who!r}; neither the database nor any file of "
+            f"{study} has anything of them"
+        )
     live = _live_files(study, storage, journal)
     others = [path for path in findings.found if path.resolve() not in live]
     _delete_derived(study, others, tables, done)
