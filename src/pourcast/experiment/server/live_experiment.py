@@ -280,7 +280,7 @@ class LiveExperiment:
             return
         self.journal.remove({session.key for session in sessions})
         self._journal_identity = self._identity_of_journal()
-        self.storage.delete({session.number for session in sessions}, vacuum=False)
+        self.storage.delete({session.number for session in sessions})
         self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------
