@@ -112,6 +112,7 @@ class LiveExperiment:
         # All that an earlier server's stamps tell may be of another clock.
         self.storage.wait_anew(self.clock())
         self._delete_declined()
+        self.storage.forget_log()
         self.journal.catch_up(storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
         self._states = storage.states()
@@ -279,7 +280,8 @@ class LiveExperiment:
             ending = self.storage.finish(token, state, tab)
             if ending is not None and ending.session.state == DECLINED:
                 self._delete_declined()
-            self._note_states()
+            elif ending is not None and ending.is_new:
+                self._note_states()
             return ending
 
         return await self._call(work)
@@ -295,7 +297,7 @@ class LiveExperiment:
             return
         self.journal.remove({session.key for session in sessions})
         self._journal_identity = self._identity_of_journal()
-        self.storage.delete({session.number for session in sessions}, vacuum=False)
+        self.storage.delete({session.number for session in sessions})
         self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------
