@@ -1,6 +1,7 @@
 /** Who keeps the records: our server, or (in the folders that are exported) somebody else. */
 import type { Entry } from "../outbox";
 import type { Body, End, Farewell, Session } from "../types";
+import type { Opening } from "./records";
 
 /** The answer was no; asking again is no use. */
 export class Refused extends Error {
@@ -14,11 +15,6 @@ export class Refused extends Error {
   }
 }
 
-/** Whether an answer of this status may be another one a moment later. */
-export function isPassing(status: number): boolean {
-  return status >= 500 || status === 408 || status === 429;
-}
-
 export type Ended = { missing: number[] } & Partial<Farewell>;
 
 export interface Transport {
@@ -29,7 +25,7 @@ export interface Transport {
   save(token: string, seq: number, body: Body, tab: string): Promise<{ superseded: boolean }>;
   /** Ends the session, or names the steps that are missing; `entries` are all its records. */
   finish(token: string, state: End, entries: Entry[]): Promise<Ended>;
-  /** The line that says whose records follow, in the file that a participant downloads. */
-  opening(session: Session): object;
+  /** What says whose records follow, in the file that a participant downloads. */
+  opening(session: Session): Opening;
   mediaUrl(name: string): string;
 }
