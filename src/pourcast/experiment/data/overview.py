@@ -11,7 +11,7 @@ import pandas as pd
 from pourcast.experiment.data.tables import trials_table
 from pourcast.experiment.design.settings import read_design
 from pourcast.experiment.storage.journal import NAME as JOURNAL
-from pourcast.experiment.storage.journal import Journal, journal_records
+from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.storage import Storage
 
 
@@ -119,6 +119,6 @@ def overview(storage: Storage, journal: Journal) -> Overview:
         median_rt=float(test["rt"].median()),
         judgments=len(trials),
         conflicts=sum(record.session in recruited for record in storage.conflicts()),
-        missing_in_journal=len(journal.missing(journal_records(storage))),
+        missing_in_journal=len(journal.missing(storage.journal_lines())),
         responses=responses,
     )

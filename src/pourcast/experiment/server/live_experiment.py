@@ -8,8 +8,9 @@ import asyncio
 import contextlib
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,8 +20,16 @@ from pourcast.experiment.design.links import Visitor
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.storage.failures import LOGGER, Failures
-from pourcast.experiment.storage.journal import Journal, journal_records, opening_record
+from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_bodies import canonical
+from pourcast.experiment.storage.record_lines import (
+    Line,
+    opening_line,
+    record_line,
+    state_line,
+    tab_line,
+    token_line,
+)
 from pourcast.experiment.storage.records import Record, SaveResult
 from pourcast.experiment.storage.sessions import (
     COMPLETE,
@@ -29,6 +38,7 @@ from pourcast.experiment.storage.sessions import (
     Arrival,
     Refusal,
     Session,
+    token_digest,
 )
 from pourcast.experiment.storage.storage import Storage
 from pourcast.progress import Report, no_report
@@ -95,12 +105,12 @@ class LiveExperiment:
         self.materials.publish_for(
             session.steps for session in storage.sessions() if session.state == OPEN
         )
-        self.journal.catch_up(journal_records(storage))
+        self.journal.catch_up(storage.journal_lines())
         self._visits = _Visits(sessions_per_address)
         self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
         self._journal_retry = journal_retry
-        self._waiting: asyncio.Queue[tuple[Record, asyncio.Future[SaveResult]]] | None = None
+        self._waiting: asyncio.Queue[_Waiting] | None = None
 
     @property
     def failures(self) -> list[str]:
@@ -142,8 +152,11 @@ class LiveExperiment:
                 largest_gap=self.design.largest_gap,
                 now=self.clock(),
             )
+            digest = token_digest(token)
             if is_new:
-                self.journal.append([opening_record(session)])
+                self._note([opening_line(session, [digest])])
+            else:
+                self._note([token_line(session.key, digest), tab_line(session.key, tab)])
             return session, token
 
         return await self._call(work)
@@ -174,6 +187,7 @@ class LiveExperiment:
             session = self.storage.session_of(token)
             if tab is not None and session is not None and session.state == OPEN:
                 self.storage.claim(session.number, tab, now)
+                self._note([tab_line(session.key, tab)])
             return session
 
         session = await self._call(work)
@@ -207,7 +221,7 @@ class LiveExperiment:
             self.storage_failures.add("too much is waiting to be saved")
             raise StoreError("too much is waiting to be saved")
         saved: asyncio.Future[SaveResult] = asyncio.get_running_loop().create_future()
-        self._waiting.put_nowait((record, saved))
+        self._waiting.put_nowait(_Waiting(session, record, saved))
         return await saved
 
     async def finish(self, session: Session, state: str) -> list[int]:
@@ -224,7 +238,7 @@ class LiveExperiment:
         def work() -> list[int]:
             if state == "declined":
                 # The database last: it tells who they are, should this fail and be tried again.
-                self.journal.remove(lambda line: line["session"] == session.number)
+                self.journal.remove([session.key])
                 self.storage.delete([session.number], vacuum=False)
                 return []
             if state == COMPLETE:
@@ -233,6 +247,7 @@ class LiveExperiment:
                 if missing:
                     return missing
             self.storage.end(session.number, state)
+            self._note([state_line(session.key, state)])
             return []
 
         missing = await self._call(work)
@@ -256,37 +271,41 @@ class LiveExperiment:
         finally:
             self._waiting = None
 
-    async def _save_batches(
-        self, waiting: "asyncio.Queue[tuple[Record, asyncio.Future[SaveResult]]]"
-    ) -> None:
+    async def _save_batches(self, waiting: "asyncio.Queue[_Waiting]") -> None:
         """Save all that waits in one transaction, again and again."""
         while True:
             batch = [await waiting.get()]
             while not waiting.empty() and len(batch) < _LARGEST_BATCH:
                 batch.append(waiting.get_nowait())
-            records = [record for record, _ in batch]
             try:
-                results = await self._call(partial(self._save, records))
+                results = await self._call(partial(self._save, batch))
             except Exception as error:
-                listeners = [saved for _, saved in batch if not saved.done()]
+                listeners = [one.saved for one in batch if not one.saved.done()]
                 for saved in listeners:
                     saved.set_exception(error)
                 if not listeners:
                     LOGGER.exception("%s records were not saved; nobody waits for them", len(batch))
                 continue
-            for (_, saved), result in zip(batch, results, strict=True):
-                if not saved.done():
-                    saved.set_result(result)
+            for one, result in zip(batch, results, strict=True):
+                if not one.saved.done():
+                    one.saved.set_result(result)
 
-    def _save(self, records: list[Record]) -> list[SaveResult]:
+    def _save(self, batch: "list[_Waiting]") -> list[SaveResult]:
         self._forget_deleted_sessions()
-        results = self.storage.save(records)
-        self.journal.append(
-            record
-            for record, result in zip(records, results, strict=True)
-            if result.status == "new"
+        results = self.storage.save([one.record for one in batch])
+        self._note(
+            record_line(one.session, one.record, aside=result.status == "conflict")
+            for one, result in zip(batch, results, strict=True)
+            if result.kept
         )
         return results
+
+    def _note(self, lines: Iterable[Line]) -> None:
+        """Write to the journal; one that is new, or was deleted, gets all that the database has."""
+        if self.journal.waiting or self.journal.is_begun:
+            self.journal.append(lines)
+        else:
+            self.journal.catch_up(self.storage.journal_lines())
 
     async def _retry_journal(self) -> None:
         """Try again what the journal could not take, should no more records come."""
@@ -304,7 +323,7 @@ class LiveExperiment:
     def _forget_deleted_sessions(self) -> None:
         """Keep out of the journal who withdrew while it could not be written."""
         if self.journal.waiting:
-            self.journal.keep_waiting_of(self.storage.session_numbers())
+            self.journal.keep_waiting_of(self.storage.session_keys())
 
     async def _call(self, work: Callable[[], T]) -> T:
         """Do something with the database: one thing after another, off the event loop."""
@@ -319,6 +338,15 @@ class LiveExperiment:
             return result
 
         return await asyncio.get_running_loop().run_in_executor(self._pool, watched)
+
+
+@dataclass
+class _Waiting:
+    """A record that waits to be saved, and who waits for that."""
+
+    session: Session
+    record: Record
+    saved: asyncio.Future[SaveResult]
 
 
 class _Visits:

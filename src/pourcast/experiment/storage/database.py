@@ -1,5 +1,6 @@
 """How the database of an experiment is opened, so that nothing is lost."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import psutil
 import sqlalchemy as sa
 
 from pourcast.errors import InputError
+from pourcast.files import create_private, keep_private
 
 _NETWORK_FILE_SYSTEMS = frozenset(
     {
@@ -38,10 +40,15 @@ def open_engine(url: str) -> sa.Engine:
         kind = parsed.get_backend_name()
         if kind not in ("sqlite", "postgresql"):
             raise InputError(f"database: expected sqlite or postgresql, found {kind}")
-        engine = sa.create_engine(parsed)
-    except sa.exc.ArgumentError as error:
+        # No participant's answer in what is logged of a failure.
+        engine = sa.create_engine(parsed, hide_parameters=True)
+    except (sa.exc.ArgumentError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        # What is wrong is not quoted: a password may stand in it.
         raise InputError(
-            f"database: expected a URL such as postgresql://user@host/name ({error})"
+            "database: expected a URL such as postgresql://user@host/name; in a password, write "
+            "@ as %40, / as %2F, : as %3A"
         ) from None
     except ImportError:
         raise InputError(
@@ -49,14 +56,48 @@ def open_engine(url: str) -> sa.Engine:
         ) from None
     if kind == "sqlite":
         _refuse_network_file_system(Path(parsed.database or ""))
+        _keep_private(parsed)
         sa.event.listen(engine, "connect", _set_sqlite_pragmas)
     return engine
 
 
+def shown_url(url: sa.URL) -> str:
+    """A database's URL as it may be printed and logged: without passwords."""
+    hidden = {name: "hidden" for name in url.query if "password" in name.lower()}
+    return url.update_query_dict(hidden).render_as_string(hide_password=True)
+
+
+def has_password(url: str) -> bool:
+    """Whether a password stands in a database's URL."""
+    try:
+        parsed = sa.make_url(url)
+    except (sa.exc.ArgumentError, ValueError):
+        return False
+    return parsed.password is not None or any("password" in name.lower() for name in parsed.query)
+
+
 def error_text(error: BaseException) -> str:
-    """What the database said, in one line."""
+    """What the database said, in one line; not the values that it quotes, which are people's."""
     cause = getattr(error, "orig", None) or error
-    return " ".join(str(cause).split())
+    said = getattr(getattr(cause, "diag", None), "message_primary", None) or cause
+    return " ".join(str(said).split())
+
+
+def database_files(path: Path) -> list[Path]:
+    """The files that SQLite keeps a database in: its own, the write-ahead log and its index."""
+    return [path.with_name(path.name + end) for end in ("", "-wal", "-shm", "-journal")]
+
+
+def _keep_private(url: sa.URL) -> None:
+    """Let the owner alone read SQLite's files; the log gets the mode that the database has."""
+    if url.database in (None, "", ":memory:"):
+        return
+    path = Path(str(url.database))
+    if path.parent.is_dir() and not path.exists():
+        with suppress(OSError):  # SQLite says itself what is wrong with the folder
+            create_private(path)
+    for file in database_files(path):
+        keep_private(file)
 
 
 def _set_sqlite_pragmas(connection: Any, _: Any) -> None:
@@ -67,6 +108,8 @@ def _set_sqlite_pragmas(connection: Any, _: Any) -> None:
         "synchronous = FULL",
         "foreign_keys = ON",
         "secure_delete = ON",
+        # No copies of rows in the system's folder for temporary files.
+        "temp_store = MEMORY",
     ):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()

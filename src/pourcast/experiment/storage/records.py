@@ -8,7 +8,7 @@ The functions work in a transaction that `storage.Storage` opens.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import sqlalchemy as sa
@@ -42,10 +42,13 @@ class SaveResult:
         kept among the conflicts; `gone`: the session does not exist.
     superseded
         Another tab has the session now.
+    kept
+        Whether it was written now: new, or a conflict that had not come before.
     """
 
     status: Literal["new", "repeated", "conflict", "gone"]
     superseded: bool = False
+    kept: bool = field(default=False, compare=False)
 
 
 def save_records(connection: sa.Connection, records: Sequence[Record]) -> list[SaveResult]:
@@ -62,12 +65,12 @@ def save_records(connection: sa.Connection, records: Sequence[Record]) -> list[S
         if key not in bodies:
             new.append(record)
             bodies[key] = record.body
-            results.append(SaveResult("new", superseded))
+            results.append(SaveResult("new", superseded, kept=True))
         elif bodies[key] == record.body:
             results.append(SaveResult("repeated", superseded))
         else:
-            _insert_conflict(connection, record)
-            results.append(SaveResult("conflict", superseded))
+            kept = _insert_conflict(connection, record)
+            results.append(SaveResult("conflict", superseded, kept=kept))
     if new:
         connection.execute(RECORDS.insert(), [_row(record) for record in new])
     # Those of a batch came together. A clock that is set back makes no session older.
@@ -133,7 +136,8 @@ def _bodies(connection: sa.Connection, records: Sequence[Record]) -> dict[tuple[
     return {(session, seq): body for session, seq, body in rows}
 
 
-def _insert_conflict(connection: sa.Connection, record: Record) -> None:
+def _insert_conflict(connection: sa.Connection, record: Record) -> bool:
+    """Keep a conflicting record aside, unless it is there already; returns whether it was kept."""
     digest = hashlib.sha256(record.body.encode()).hexdigest()
     digests = set(
         connection.scalars(
@@ -142,10 +146,12 @@ def _insert_conflict(connection: sa.Connection, record: Record) -> None:
             )
         )
     )
-    if digest not in digests and len(digests) < MAX_CONFLICTS:
-        row = _row(record)
-        del row["kind"]
-        connection.execute(CONFLICTS.insert().values(digest=digest, **row))
+    if digest in digests or len(digests) >= MAX_CONFLICTS:
+        return False
+    row = _row(record)
+    del row["kind"]
+    connection.execute(CONFLICTS.insert().values(digest=digest, **row))
+    return True
 
 
 def _row(record: Record) -> dict[str, Any]:

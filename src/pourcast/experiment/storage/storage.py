@@ -3,16 +3,26 @@
 Every method is one transaction. A record is safe when `save` returns.
 """
 
-import secrets
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import sqlalchemy as sa
 
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.design.steps import Schedule, Step
-from pourcast.experiment.storage.database import error_text, open_engine
+from pourcast.experiment.storage.database import error_text, open_engine, shown_url
+from pourcast.experiment.storage.journal import NAME as JOURNAL
+from pourcast.experiment.storage.journal import journal_words
+from pourcast.experiment.storage.record_lines import (
+    Line,
+    head_line,
+    opening_line,
+    record_line,
+    state_line,
+    token_line,
+)
 from pourcast.experiment.storage.records import (
     Record,
     SaveResult,
@@ -21,12 +31,15 @@ from pourcast.experiment.storage.records import (
     save_records,
     saved_steps,
 )
-from pourcast.experiment.storage.schema import CONFLICTS, META, RECORDS, SESSIONS, TABLES, TOKENS
+from pourcast.experiment.storage.schema import CONFLICTS, RECORDS, SESSIONS, TABLES, TOKENS
 from pourcast.experiment.storage.sessions import (
+    DROPPED,
+    OPEN,
     Arrival,
     Session,
     add_token,
     all_sessions,
+    all_tokens,
     begin_session,
     claim_session,
     drop_stale_sessions,
@@ -38,6 +51,7 @@ from pourcast.experiment.storage.sessions import (
     session_by_token,
     session_to_resume,
 )
+from pourcast.experiment.storage.words import secret_words
 from pourcast.study.folder import DATABASE, study_scenes
 
 
@@ -48,6 +62,9 @@ class Storage:
     ----------
     url
         SQLAlchemy's URL of the database.
+    words
+        Called for the secrets of a new database, if it had any before; those that are not there
+        are made up.
 
     Raises
     ------
@@ -57,18 +74,29 @@ class Storage:
         If the database can't be reached.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, words: Callable[[], Mapping[str, str]] = dict) -> None:
         self.engine = open_engine(url)
         self.url = self.engine.url
+        self.shown_url = shown_url(self.url)
         with self._transaction() as connection:
             TABLES.create_all(connection)
-            self.secret = bytes.fromhex(_random_word(connection, "secret"))
-            self.admin_token = _random_word(connection, "admin")
+            self.words = secret_words(connection, words)
+            """The database's secrets: what links, codes and names of media are made with."""
 
     @classmethod
     def of_study(cls, study: Path, url: str | None = None) -> "Storage":
         """The study's database: the one given, or SQLite in its folder."""
-        return cls(url or f"sqlite:///{study / DATABASE}")
+        return cls(url or f"sqlite:///{study / DATABASE}", partial(journal_words, study / JOURNAL))
+
+    @property
+    def secret(self) -> bytes:
+        """What links, participants' codes and names of media are made with."""
+        return bytes.fromhex(self.words["secret"])
+
+    @property
+    def admin_token(self) -> str:
+        """The word that opens the admin page."""
+        return self.words["admin"]
 
     def close(self) -> None:
         """Close all connections."""
@@ -81,7 +109,7 @@ class Storage:
             with self.engine.begin() as connection:
                 yield connection
         except sa.exc.SQLAlchemyError as error:
-            raise StoreError(f"{self.url.render_as_string()}: {error_text(error)}") from None
+            raise StoreError(f"{self.shown_url}: {error_text(error)}") from None
 
     # Sessions ------------------------------------------------------------------------
 
@@ -183,10 +211,10 @@ class Storage:
         with self._transaction() as connection:
             return all_sessions(connection)
 
-    def session_numbers(self) -> set[int]:
-        """Numbers of all sessions."""
+    def session_keys(self) -> set[str]:
+        """Keys of all sessions."""
         with self._transaction() as connection:
-            return set(connection.scalars(sa.select(SESSIONS.c.id)))
+            return set(connection.scalars(sa.select(SESSIONS.c.key)))
 
     # Records -------------------------------------------------------------------------
 
@@ -215,6 +243,26 @@ class Storage:
         """Records that came under a key that another one had, by session and step."""
         with self._transaction() as connection:
             return all_conflicts(connection)
+
+    def journal_lines(self) -> list[Line]:
+        """All that the journal should have of this database."""
+        with self._transaction() as connection:
+            sessions = {one.number: one for one in all_sessions(connection)}
+            records, conflicts = all_records(connection), all_conflicts(connection)
+            tokens = all_tokens(connection)
+        return [
+            head_line(self.words),
+            *(opening_line(one) for one in sessions.values()),
+            *(token_line(sessions[number].key, digest) for number, digest in tokens),
+            *(record_line(sessions[one.session], one) for one in records),
+            *(record_line(sessions[one.session], one, aside=True) for one in conflicts),
+            # Who was dropped is told by when they were last heard of.
+            *(
+                state_line(one.key, one.state)
+                for one in sessions.values()
+                if one.state not in (OPEN, DROPPED)
+            ),
+        ]
 
     # All of it -----------------------------------------------------------------------
 
@@ -253,7 +301,7 @@ class Storage:
                 connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
         except sa.exc.SQLAlchemyError as error:
             raise StoreError(
-                f"{self.url.render_as_string()}: rows were deleted, but the file could not be "
+                f"{self.shown_url}: rows were deleted, but the file could not be "
                 f"written anew without them ({error_text(error)})"
             ) from None
 
@@ -286,13 +334,3 @@ def study_storage(study: Path, url: str | None, *, must_exist: bool = True) -> I
         yield storage
     finally:
         storage.close()
-
-
-def _random_word(connection: sa.Connection, name: str) -> str:
-    """A random word of this database, made once."""
-    value = connection.scalar(sa.select(META.c.value).where(META.c.name == name))
-    if value is not None:
-        return str(value)
-    word = secrets.token_hex(16)
-    connection.execute(META.insert().values(name=name, value=word))
-    return word
