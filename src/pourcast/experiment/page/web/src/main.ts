@@ -352,9 +352,9 @@ async function main(): Promise<void> {
   // start.ts has said that this browser is too old.
   if (!("replaceChildren" in page)) return;
   show(`<p>${escaped(words.reaching)}</p>`);
-  const given = [...new URLSearchParams(location.search)];
-  const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));
   try {
+    const given = [...new URLSearchParams(location.search)];
+    const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));
     await new Study(await Outbox.open(), link).run();
   } catch (error) {
     show(`<p>${escaped(fill(words.broken, { cause: String(error) }))}</p>`);
