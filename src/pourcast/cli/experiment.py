@@ -56,8 +56,19 @@ def serve(
         str, typer.Option(metavar="URL", help="How participants reach it, for the links.")
     ] = "",
     behind_proxy: Annotated[
-        bool, typer.Option("--behind-proxy", help="A web server of yours stands before it.")
+        bool,
+        typer.Option(
+            "--behind-proxy", help="A web server of yours stands before it; as --proxy-hops 1."
+        ),
     ] = False,
+    proxy_hops: Annotated[
+        int | None,
+        typer.Option(min=0, help="How many web servers of yours stand one before the other."),
+    ] = None,
+    trusted_proxy: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NETWORK", help="Where they are [this machine]; may be repeated."),
+    ] = None,
     admin: Annotated[
         bool | None,
         typer.Option("--admin/--no-admin", help="The admin page [only on this machine]."),
@@ -82,6 +93,7 @@ def serve(
 
     require_extra("experiment")
     from pourcast.experiment.design.settings import NAME
+    from pourcast.experiment.server.addresses import Proxies
     from pourcast.experiment.server.process import Address, ExperimentServer
 
     def print_links(links: Mapping[str, str]) -> None:
@@ -89,7 +101,9 @@ def serve(
             typer.echo(f"{name:9}{link}")
         typer.echo("Ctrl-C ends it.")
 
-    address = Address(host, port, public_url, behind_proxy)
+    networks = tuple(trusted_proxy or ())
+    hops = int(behind_proxy or bool(networks)) if proxy_hops is None else proxy_hops
+    address = Address(host, port, public_url, Proxies(hops, networks))
     with _storage(study, database, must_exist=False) as storage:
         with progress_bar() as report:
             server = ExperimentServer(

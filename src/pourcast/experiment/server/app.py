@@ -21,6 +21,7 @@ from pourcast.errors import StoreError
 from pourcast.experiment.design.links import visitor
 from pourcast.experiment.design.steps import Step
 from pourcast.experiment.page.pages import DIST, page_html, participant_view, require_page
+from pourcast.experiment.server.addresses import visitors_place
 from pourcast.experiment.server.live_experiment import LiveExperiment, NoSuchStepError
 from pourcast.experiment.storage.record_bodies import MAX_BODY
 from pourcast.experiment.storage.sessions import COMPLETE, OPEN, Refusal, Session
@@ -166,6 +167,8 @@ def create_app(
         lifespan=lifespan,
     )
     app.state.stop_texts = experiment.texts["stop"]
+    # It would lead out of the path that a web server before this one serves it under.
+    app.router.redirect_slashes = False
     return app
 
 
@@ -193,7 +196,7 @@ class _Api:
         who = visitor(content.link, self.experiment.storage.secret)
         if who is None or (who.entry == "simulation" and self.rehearsal is None):
             raise Refusal("link")
-        address = request.client.host if request.client else ""
+        address = visitors_place(request.client.host) if request.client else ""
         session, token = await self.experiment.begin(who, content.request, content.tab, address)
         answer = await self._session_view(session)
         if who.entry == "simulation" and self.rehearsal is not None:
