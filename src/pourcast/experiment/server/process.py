@@ -3,7 +3,7 @@
 import asyncio
 import signal
 import socket
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,6 +97,8 @@ class ExperimentServer:
         Whether there is an admin page; None: only if others can't reach the address.
     sessions_per_address
         How many sessions an address may open in an hour.
+    allowed_ids
+        Ids of a recruiting platform that may take part; None: all.
     report
         Told of the progress of making stimuli.
 
@@ -116,6 +118,7 @@ class ExperimentServer:
         *,
         admin: bool | None = None,
         sessions_per_address: int = 200,
+        allowed_ids: Set[str] | None = None,
         report: Report = no_report,
     ) -> None:
         self.address = address
@@ -124,7 +127,11 @@ class ExperimentServer:
             lock = lock_study(study)
             resources.callback(lock.release)
             self.experiment = LiveExperiment(
-                study, storage, report, sessions_per_address=sessions_per_address
+                study,
+                storage,
+                report,
+                sessions_per_address=sessions_per_address,
+                allowed_ids=allowed_ids,
             )
             resources.callback(self.experiment.close)
             routes = admin_routes(self.experiment) if self.has_admin else ()

@@ -38,7 +38,15 @@ from pourcast.experiment.storage.records import (
     save_records,
     saved_steps,
 )
-from pourcast.experiment.storage.schema import CONFLICTS, META, RECORDS, SCHEMA, SESSIONS, TOKENS
+from pourcast.experiment.storage.schema import (
+    BROWSERS,
+    CONFLICTS,
+    META,
+    RECORDS,
+    SCHEMA,
+    SESSIONS,
+    TOKENS,
+)
 from pourcast.experiment.storage.sessions import (
     DROPPED,
     OPEN,
@@ -59,6 +67,12 @@ from pourcast.experiment.storage.sessions import (
     session_by_token,
     session_to_resume,
     wait_anew,
+)
+from pourcast.experiment.storage.visits import (
+    browsers_at_once,
+    count_refusal,
+    note_browser,
+    refusals,
 )
 from pourcast.study.folder import DATABASE, study_scenes
 
@@ -273,6 +287,7 @@ class Storage:
                 )
             else:
                 number = known.number
+                note_browser(connection, known, arrival.request, now)
                 _go_on(connection, known, places, now)
             claim_session(connection, number, arrival.tab, now)
             token = add_token(connection, number)
@@ -398,6 +413,23 @@ class Storage:
         with self._reading() as connection:
             return all_conflicts(connection)
 
+    # Visits ----------------------------------------------------------------------------
+
+    def browsers_at_once(self) -> dict[int, int]:
+        """How many browsers took turns with a session, by number; only where several did."""
+        with self._reading() as connection:
+            return browsers_at_once(connection)
+
+    def count_refusal(self, reason: str) -> None:
+        """Count a visit that was refused."""
+        with self._writing() as connection:
+            count_refusal(connection, reason)
+
+    def refusals(self) -> dict[str, int]:
+        """How many visits were refused, by reason, of those reasons that are counted."""
+        with self._reading() as connection:
+            return refusals(connection)
+
     # All of it -----------------------------------------------------------------------
 
     def delete(self, sessions: Iterable[int], *, vacuum: bool = True) -> dict[str, int]:
@@ -417,6 +449,7 @@ class Storage:
                 (RECORDS, RECORDS.c.session),
                 (CONFLICTS, CONFLICTS.c.session),
                 (TOKENS, TOKENS.c.session),
+                (BROWSERS, BROWSERS.c.session),
                 (SESSIONS, SESSIONS.c.id),
             ):
                 result = connection.execute(table.delete().where(column.in_(numbers)))
