@@ -96,6 +96,9 @@ def collect(api):
     api.run(api.begin("request-1", tab="tab-00000001").json())
     link = {"PROLIFIC_PID": "5f0", "STUDY_ID": "st", "SESSION_ID": "se"}
     half = api.begin("request-2", link=link).json()
+    # Another browser with the same id, for a moment.
+    api.begin("request-22", tab="tab-00000022", link=link)
+    api.post(half, "resume", tab=TAB)
     for step in half["steps"][:8]:
         api.put(half, step["seq"], answer(step["kind"], 0.75))
     api.put(half, 3, judgment(0.1))

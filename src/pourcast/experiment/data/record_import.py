@@ -16,12 +16,13 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from pourcast.errors import one_line
 from pourcast.experiment.data.answer_files import Faults, Place, answer_files, json_values
 from pourcast.experiment.data.old_journal import current_lines, is_old_line
-from pourcast.experiment.design.links import visitor
+from pourcast.experiment.design.links import marked, visitor
 from pourcast.experiment.design.schedule import OWN_ORDERS
 from pourcast.experiment.design.steps import Kind, Schedule, Step
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_bodies import canonical
 from pourcast.experiment.storage.record_lines import (
+    CHANGES,
     FORMAT,
     JOURNAL_FORMAT,
     SCHEMA_VERSION,
@@ -101,6 +102,7 @@ class _Change(_Content):
     session: _Key
     token: str = ""
     tab: str = ""
+    browser: str = ""
     state: Annotated[str, StringConstraints(pattern="^[a-z_]{0,20}$")] = ""
 
 
@@ -330,7 +332,9 @@ class _Importer:
             last_seen=self.now,
         )
         tokens: list[str] = []
+        browsers: list[str] = []
         if self._is_journal:
+            browsers = [one.browser for one in run.changes if one.browser]
             tokens = [*opening.tokens, *(one.token for one in run.changes if one.token)]
             session = replace(
                 session,
@@ -342,11 +346,13 @@ class _Importer:
                 last_seen=started,
             )
         self._counts["opened"] += 1
-        return self.storage.restore(self._identified(session, opening), tokens)
+        return self.storage.restore(self._identified(session, opening), tokens, browsers)
 
     def _identified(self, session: Session, opening: _Opening) -> Session:
         """A session with who it is, as its opening line says."""
         participant = opening.participant if self._is_journal else ""
+        # A server has looked at the link before it wrote the line.
+        ids = opening.identifiers if self._is_journal else marked(opening.identifiers)
         if not self._is_own:
             # The same person is called the same as in this database.
             who = visitor(opening.identifiers, self.storage.secret)
@@ -355,7 +361,7 @@ class _Importer:
             session,
             participant=participant,
             entry=opening.entry,
-            identifiers=opening.identifiers,
+            identifiers=ids,
         )
 
     def _placed(self, run: _Run) -> tuple[int, int, Sequence[Step]] | None:
@@ -487,7 +493,7 @@ def _parsed(content: Any) -> _Opening | _Line | _Change | None:
         return _Opening.model_validate(content)
     if {"session", "seq"} <= content.keys():
         return _Line.model_validate(content)
-    if "session" in content and content.keys() & {"token", "tab", "state"}:
+    if "session" in content and content.keys() & CHANGES:
         return _Change.model_validate(content)
     return None
 

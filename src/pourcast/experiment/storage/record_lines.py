@@ -30,6 +30,9 @@ JOURNAL_FORMAT = "pourcast-journal"
 
 SCHEMA_VERSION = 2
 
+CHANGES = ("token", "tab", "browser", "state")
+"""What a journal's line says that tells what became of a session."""
+
 Line = Mapping[str, Any]
 
 
@@ -81,6 +84,11 @@ def tab_line(key: str, tab: str) -> Line:
     return {"session": key, "tab": tab}
 
 
+def browser_line(key: str, request: str) -> Line:
+    """A browser that went on with a session while another one was at it."""
+    return {"session": key, "browser": request}
+
+
 def state_line(key: str, state: str) -> Line:
     """How a session ended."""
     return {"session": key, "state": state}
@@ -97,7 +105,7 @@ def line_names(line: Line) -> set[Hashable]:
     if "seq" in line:
         body = json.dumps(line.get("body"), sort_keys=True) if line.get("aside") else ""
         return {(key, str(line["seq"]), body)}
-    return {(key, name, str(line[name])) for name in ("token", "tab", "state") if name in line}
+    return {(key, name, str(line[name])) for name in CHANGES if name in line}
 
 
 def names_of(lines: Iterable[Line]) -> set[Hashable]:
@@ -115,13 +123,19 @@ def names_of(lines: Iterable[Line]) -> set[Hashable]:
 
 
 def is_line(content: object) -> bool:
-    """Whether something is a line of this form."""
+    """Whether something is a line of this form, as far as what tells it from others goes."""
     if not isinstance(content, dict):
         return False
     if content.get("format") == JOURNAL_FORMAT:
         return True
-    whole = content.keys() & {"seq", "token", "tab", "state"} or content.get("format") == FORMAT
-    return isinstance(content.get("session"), str) and bool(whole)
+    if not isinstance(content.get("session"), str):
+        return False
+    if content.get("format") == FORMAT:
+        return isinstance(content.get("tokens", []), list)
+    if "seq" in content:
+        return isinstance(content["seq"], int)
+    changes = [content[name] for name in CHANGES if name in content]
+    return bool(changes) and all(isinstance(change, str) for change in changes)
 
 
 def dumps(line: Line) -> str:

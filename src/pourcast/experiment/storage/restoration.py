@@ -10,12 +10,14 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from pourcast.experiment.storage.schema import SESSIONS, TOKENS
+from pourcast.experiment.storage.schema import BROWSERS, SESSIONS, TOKENS
 from pourcast.experiment.storage.sessions import Session, plan_content
 
 
-def restore_session(connection: sa.Connection, session: Session, tokens: Iterable[str]) -> int:
-    """Insert a session with the digests of its tokens; returns its number.
+def restore_session(
+    connection: sa.Connection, session: Session, tokens: Iterable[str], browsers: Iterable[str]
+) -> int:
+    """Insert a session with the digests of its tokens, and its browsers; returns its number.
 
     What is empty in it is made up as for a new one. Its number is its old one if nobody has it.
     """
@@ -34,6 +36,8 @@ def restore_session(connection: sa.Connection, session: Session, tokens: Iterabl
             "greatest((SELECT max(id) FROM sessions), (SELECT last_value FROM sessions_id_seq)))"
         )
     restore_tokens(connection, int(key[0]), tokens)
+    for browser in dict.fromkeys(browsers):
+        connection.execute(BROWSERS.insert().values(session=int(key[0]), request=browser))
     return int(key[0])
 
 

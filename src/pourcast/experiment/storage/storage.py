@@ -38,6 +38,7 @@ from pourcast.experiment.storage.journal import how_to_restore, journal_words
 from pourcast.experiment.storage.migrations import make_tables, migrate, schema_version
 from pourcast.experiment.storage.record_lines import (
     Line,
+    browser_line,
     head_line,
     opening_line,
     record_line,
@@ -57,7 +58,15 @@ from pourcast.experiment.storage.restoration import (
     restore_session,
     restore_tokens,
 )
-from pourcast.experiment.storage.schema import CONFLICTS, META, RECORDS, SCHEMA, SESSIONS, TOKENS
+from pourcast.experiment.storage.schema import (
+    BROWSERS,
+    CONFLICTS,
+    META,
+    RECORDS,
+    SCHEMA,
+    SESSIONS,
+    TOKENS,
+)
 from pourcast.experiment.storage.sessions import (
     DROPPED,
     OPEN,
@@ -77,6 +86,13 @@ from pourcast.experiment.storage.sessions import (
     session_by_token,
     session_to_resume,
     wait_anew,
+)
+from pourcast.experiment.storage.visits import (
+    all_browsers,
+    browsers_at_once,
+    count_refusal,
+    note_browser,
+    refusals,
 )
 from pourcast.experiment.storage.words import NAMES, kept_words, made_words, set_words
 from pourcast.files import keep_private
@@ -302,6 +318,7 @@ class Storage:
                 )
             else:
                 number = known.number
+                note_browser(connection, known, arrival.request, now)
                 _go_on(connection, known, places, now)
             claim_session(connection, number, arrival.tab, now)
             token = add_token(connection, number)
@@ -309,13 +326,15 @@ class Storage:
             assert session is not None
             return session, token, is_new
 
-    def restore(self, session: Session, tokens: Iterable[str] = ()) -> Session:
+    def restore(
+        self, session: Session, tokens: Iterable[str] = (), browsers: Iterable[str] = ()
+    ) -> Session:
         """A session that was run elsewhere, or that a lost database had, with its tokens' digests.
 
-        It keeps its number if nobody has it.
+        It keeps its number if nobody has it. `browsers` are those that took turns with it.
         """
         with self._writing() as connection:
-            number = restore_session(connection, session, tokens)
+            number = restore_session(connection, session, tokens, browsers)
             restored = session_by_number(connection, number)
             assert restored is not None
             return restored
@@ -405,6 +424,11 @@ class Storage:
         with self._reading() as connection:
             return all_sessions(connection)
 
+    def browsers(self) -> list[tuple[int, str]]:
+        """Sessions and the further browsers that took turns with them."""
+        with self._reading() as connection:
+            return all_browsers(connection)
+
     def states(self) -> dict[str, str]:
         """The states of all sessions, by key."""
         with self._reading() as connection:
@@ -444,19 +468,37 @@ class Storage:
         with self._reading() as connection:
             sessions = {one.number: one for one in all_sessions(connection)}
             records, conflicts = all_records(connection), all_conflicts(connection)
-            tokens = all_tokens(connection)
+            tokens, browsers = all_tokens(connection), all_browsers(connection)
         return [
             head_line(self.words),
             *(opening_line(one) for one in sessions.values()),
             *(token_line(sessions[number].key, digest) for number, digest in tokens),
             *(record_line(sessions[one.session], one) for one in records),
             *(record_line(sessions[one.session], one, aside=True) for one in conflicts),
+            *(browser_line(sessions[number].key, browser) for number, browser in browsers),
             *(
                 state_line(one.key, one.state)
                 for one in sessions.values()
                 if one.state != OPEN  # as its opening line has it
             ),
         ]
+
+    # Visits ----------------------------------------------------------------------------
+
+    def browsers_at_once(self) -> dict[int, int]:
+        """How many browsers took turns with a session, by number; only where several did."""
+        with self._reading() as connection:
+            return browsers_at_once(connection)
+
+    def count_refusal(self, reason: str) -> None:
+        """Count a visit that was refused."""
+        with self._writing() as connection:
+            count_refusal(connection, reason)
+
+    def refusals(self) -> dict[str, int]:
+        """How many visits were refused, by reason, of those reasons that are counted."""
+        with self._reading() as connection:
+            return refusals(connection)
 
     # All of it -----------------------------------------------------------------------
 
@@ -478,6 +520,7 @@ class Storage:
                 (RECORDS, RECORDS.c.session),
                 (CONFLICTS, CONFLICTS.c.session),
                 (TOKENS, TOKENS.c.session),
+                (BROWSERS, BROWSERS.c.session),
                 (SESSIONS, SESSIONS.c.id),
             ):
                 result = connection.execute(table.delete().where(column.in_(numbers)))
