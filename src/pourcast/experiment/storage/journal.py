@@ -261,6 +261,7 @@ def _append(path: Path, lines: bytes) -> None:
         try:
             if os.write(handle, lines) < len(lines):
                 raise OSError("disk full")
+            os.fsync(handle)
         except OSError:
             os.ftruncate(handle, size)
             raise
