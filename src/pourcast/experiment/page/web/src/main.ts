@@ -4,8 +4,10 @@ import "./page.css";
 import { initJsPsych, type JsPsych } from "jspsych";
 
 import { pause, waits } from "./backoff";
+import { pressOnce } from "./keys";
 import { Media } from "./media";
 import { Outbox } from "./outbox";
+import { leaveFullScreen } from "./screen";
 import { Sender } from "./sender";
 import { Tabs } from "./tabs";
 import { Timeline } from "./timeline";
@@ -203,6 +205,7 @@ class Study {
       const mode = this.link["mode"] === "visual" ? "visual" : "data-only";
       await jsPsych.simulate(timeline, mode, {});
     } else await jsPsych.run(timeline);
+    await leaveFullScreen();
     if (this.ended === "moved") this.sayMoved(session);
     else await this.finish(session, this.ended ?? "complete");
   }
@@ -281,6 +284,7 @@ const PARAMETERS = new Set([
 async function main(): Promise<void> {
   const given = [...new URLSearchParams(location.search)];
   const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));
+  document.addEventListener("keydown", pressOnce, true);
   await new Study(await Outbox.open(), link).run();
 }
 
