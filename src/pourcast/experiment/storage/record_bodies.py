@@ -46,6 +46,9 @@ class Judgment(_Body):
     moves: _Count
     input: Literal["mouse", "touch", "keyboard", "none"]
     trajectory: list[tuple[_Seconds, _Share]] | None = Field(default=None, max_length=2000)
+    picture_width: _Pixels | None = None
+    picture_height: _Pixels | None = None
+    pixel_ratio: _Pixels | None = None
 
 
 class Film(_Body):
@@ -96,6 +99,11 @@ BODIES: dict[str, type[_Body]] = {
 """What a record says, by the kind of its step."""
 
 
+_LATER = {"picture_width", "picture_height", "pixel_ratio"}
+"""What records of earlier releases lack. Without a value it is left out, so that such a record is
+the same however often it comes in."""
+
+
 def canonical(kind: str, content: Any) -> str:
     """A record's body, checked, as the JSON that is stored: the same for the same content.
 
@@ -105,4 +113,5 @@ def canonical(kind: str, content: Any) -> str:
         If it is not what such a step's record says.
     """
     body = BODIES[kind].model_validate(content).model_dump(mode="json")
+    body = {name: value for name, value in body.items() if value is not None or name not in _LATER}
     return json.dumps(body, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
