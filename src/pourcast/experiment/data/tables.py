@@ -18,7 +18,8 @@ from pourcast.files import replacing
 TRIAL_COLUMNS = {
     "participant": "Code of the participant, the same in all tables",
     "session": "Number of the session",
-    "entry": "How the participant came: lab, prolific, mturk, jatos, static, preview, simulation",
+    "entry": "How the participant came: lab, prolific, mturk, jatos, static, preview, simulation; "
+    "unknown where a file of answers had lost the line that says it",
     "state": "State of the session: open, complete, dropped, screened_out, failed_check, or "
     "declined_later (after having agreed)",
     "group": "Number of the group, from 1; groups see different liquids",
