@@ -100,7 +100,9 @@ def test_who_declines_after_having_agreed_keeps_what_was_given_and_the_researche
         }  # fmt: skip
         assert states(api) == ["declined_later"]
         assert len(api.storage.records()) == 1
-        assert len(list(api.experiment.journal.lines())) == 2
+        lines = list(api.experiment.journal.lines())
+        assert [line["state"] for line in lines if "state" in line] == ["declined_later"]
+        assert [line["seq"] for line in lines if "seq" in line] == [0]
         # The page has words for it.
         assert "is kept" in told["texts"]["stop"]["declined_later"]
         assert api.post(told, "resume").json()["state"] == "declined_later"

@@ -15,16 +15,32 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pourcast.errors import StoreError
-from pourcast.experiment.design.links import Visitor
+from pourcast.experiment.design.links import PERSONAL, Visitor
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.server.clock import Clock, RunningClock
+from pourcast.experiment.storage.database_file import TakenAwayError
 from pourcast.experiment.storage.endings import Ending
 from pourcast.experiment.storage.failures import LOGGER, Failures
-from pourcast.experiment.storage.journal import Journal, journal_records, opening_record
+from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_bodies import canonical
+from pourcast.experiment.storage.record_lines import (
+    Line,
+    opening_line,
+    record_line,
+    state_line,
+    tab_line,
+    token_line,
+)
 from pourcast.experiment.storage.records import Record, SaveResult
-from pourcast.experiment.storage.sessions import DECLINED, OPEN, Arrival, Refusal, Session
+from pourcast.experiment.storage.sessions import (
+    DECLINED,
+    OPEN,
+    Arrival,
+    Refusal,
+    Session,
+    token_digest,
+)
 from pourcast.experiment.storage.storage import Storage
 from pourcast.progress import Report, no_report
 
@@ -95,14 +111,14 @@ class LiveExperiment:
         self.storage.wait_anew(self.clock())
         self._delete_declined()
         self.storage.forget_log()
-        self.journal.catch_up(journal_records(storage))
+        self.journal.catch_up(storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
         self._is_away = False
         self._visits = _Visits(sessions_per_address)
-        self._plans: OrderedDict[str, _Plan] = OrderedDict()
+        self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
         self._journal_retry = journal_retry
-        self._waiting: asyncio.Queue[tuple[Record, asyncio.Future[SaveResult]]] | None = None
+        self._waiting: asyncio.Queue[_Waiting] | None = None
 
     @property
     def failures(self) -> list[str]:
@@ -144,8 +160,13 @@ class LiveExperiment:
                 largest_gap=self.design.largest_gap,
                 now=self.clock(),
             )
+            digest = token_digest(token)
             if is_new:
-                self._append_to_journal([opening_record(session)])
+                self._append_to_journal([opening_line(session, [digest])])
+            else:
+                self._append_to_journal(
+                    [token_line(session.key, digest), tab_line(session.key, tab)]
+                )
             return session, token
 
         return await self._call(work)
@@ -159,15 +180,20 @@ class LiveExperiment:
             If the session is none (`gone`), or was left for too long and its place is somebody
             else's (`late`).
         """
-        session = await self._call(
-            lambda: self.storage.resume(
+
+        def work() -> Session | None:
+            session = self.storage.resume(
                 token,
                 tab,
                 places=self.design.places,
                 largest_gap=self.design.largest_gap,
                 now=self.clock(),
             )
-        )
+            if session is not None and tab is not None and session.state == OPEN:
+                self._append_to_journal([tab_line(session.key, tab)])
+            return session
+
+        session = await self._call(work)
         if session is None:
             raise Refusal("gone")
         return session
@@ -190,39 +216,38 @@ class LiveExperiment:
         StoreError
             If it could not be saved.
         """
-        plan = await self._plan_of(token)
-        if not 0 <= seq < len(plan.kinds):
+        session = await self._remembered(token)
+        if not 0 <= seq < len(session.steps):
             raise NoSuchStepError(seq)
-        kind = plan.kinds[seq]
+        kind = session.steps[seq].kind
         body = canonical(kind, content)
-        record = Record(plan.session, seq, kind, body, self.clock(), tab, token)
+        record = Record(session.number, seq, kind, body, self.clock(), tab, token)
         if self._waiting is None or self._waiting.qsize() >= _MOST_WAITING:
             self.storage_failures.add("too much is waiting to be saved")
             raise StoreError("too much is waiting to be saved")
         saved: asyncio.Future[SaveResult] = asyncio.get_running_loop().create_future()
-        self._waiting.put_nowait((record, saved))
+        self._waiting.put_nowait(_Waiting(session, record, saved))
         result = await saved
         if result.status == "gone":
-            self._plans.pop(token, None)
+            self._sessions.pop(token, None)
             raise Refusal("gone")
         return result
 
-    async def _plan_of(self, token: str) -> "_Plan":
-        """What a token's session asks for, remembered.
+    async def _remembered(self, token: str) -> Session:
+        """A token's session, of which only what never changes may be relied on, such as its steps.
 
-        It never changes, and a token is never another session's. Whether the session is still
-        there only the database knows, when a record is saved.
+        A token is never another session's. Whether the session is still there only the database
+        knows, when a record is saved.
         """
-        plan = self._plans.get(token)
-        if plan is None:
+        session = self._sessions.get(token)
+        if session is None:
             session = await self._call(lambda: self.storage.session_of(token))
             if session is None:
                 raise Refusal("gone")
-            plan = _Plan(session.number, tuple(step.kind for step in session.steps))
-            self._plans[token] = plan
-            if len(self._plans) > _REMEMBERED:
-                self._plans.popitem(last=False)
-        return plan
+            self._sessions[token] = session
+            if len(self._sessions) > _REMEMBERED:
+                self._sessions.popitem(last=False)
+        return session
 
     async def finish(self, token: str, state: str, tab: str) -> Ending | None:
         """End a session as a page wishes, if it can; see `finish_session`. None if there is none.
@@ -239,6 +264,8 @@ class LiveExperiment:
             ending = self.storage.finish(token, state, tab)
             if ending is not None and ending.session.state == DECLINED:
                 self._delete_declined()
+            elif ending is not None and ending.is_new:
+                self._append_to_journal([state_line(ending.session.key, ending.session.state)])
             return ending
 
         return await self._call(work)
@@ -252,10 +279,13 @@ class LiveExperiment:
         sessions = [one for one in self.storage.sessions() if one.state == DECLINED]
         if not sessions:
             return
-        numbers = {session.number for session in sessions}
-        self.journal.remove(lambda line: line["session"] in numbers)
+        # Lines that were damaged, too, if they have a name that is this person's alone.
+        names = {one.code for one in sessions} | {
+            value for one in sessions for name, value in one.identifiers.items() if name in PERSONAL
+        }
+        self.journal.remove({session.key for session in sessions}, names)
         self._journal_identity = self._identity_of_journal()
-        self.storage.delete(numbers, vacuum=False)
+        self.storage.delete({session.number for session in sessions}, vacuum=False)
         self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------
@@ -274,38 +304,37 @@ class LiveExperiment:
         finally:
             self._waiting = None
 
-    async def _save_batches(
-        self, waiting: "asyncio.Queue[tuple[Record, asyncio.Future[SaveResult]]]"
-    ) -> None:
+    async def _save_batches(self, waiting: "asyncio.Queue[_Waiting]") -> None:
         """Save all that waits in one transaction, again and again."""
         while True:
             batch = [await waiting.get()]
             while not waiting.empty() and len(batch) < _LARGEST_BATCH:
                 batch.append(waiting.get_nowait())
-            records = [record for record, _ in batch]
             try:
-                results = await self._call(partial(self._save, records))
+                results = await self._call(partial(self._save, batch))
             except Exception as error:
-                listeners = [saved for _, saved in batch if not saved.done()]
+                listeners = [one.saved for one in batch if not one.saved.done()]
                 for saved in listeners:
                     saved.set_exception(error)
                 if not listeners:
                     LOGGER.exception("%s records were not saved; nobody waits for them", len(batch))
                 continue
-            for (_, saved), result in zip(batch, results, strict=True):
-                if not saved.done():
-                    saved.set_result(result)
+            for one, result in zip(batch, results, strict=True):
+                if not one.saved.done():
+                    one.saved.set_result(result)
 
-    def _save(self, records: list[Record]) -> list[SaveResult]:
+    def _save(self, batch: "list[_Waiting]") -> list[SaveResult]:
         self._forget_deleted_sessions()
-        results = self.storage.save(records)
-        back = {record.session for record, one in zip(records, results, strict=True) if one.dropped}
+        results = self.storage.save([one.record for one in batch])
+        back = {
+            one.session.number for one, result in zip(batch, results, strict=True) if result.dropped
+        }
         for session in back:
             self.storage.reopen(session, self.design.places, self.clock())
         self._append_to_journal(
-            record
-            for record, result in zip(records, results, strict=True)
-            if result.status == "new"
+            record_line(one.session, one.record, aside=result.status == "conflict")
+            for one, result in zip(batch, results, strict=True)
+            if result.kept
         )
         return results
 
@@ -338,47 +367,52 @@ class LiveExperiment:
             self._is_away = True
             raise
         if self._is_away:
+            self._is_away = False
             # It may have taken records that nobody was told of, nor the journal.
-            self.journal.catch_up(journal_records(self.storage))
+            self.journal.catch_up(self.storage.journal_lines())
             self._journal_identity = self._identity_of_journal()
             self.storage_failures.end()
-            self._is_away = False
         self._look_after_journal()
 
-    def _append_to_journal(self, records: Iterable[Record]) -> None:
+    def _append_to_journal(self, lines: Iterable[Line]) -> None:
         """Append what the database has by now; a journal that somebody took away is told of."""
-        if self._look_after_journal():
-            self.journal.append(records)
-            self._journal_identity = self._identity_of_journal()
+        if not self._look_after_journal():
+            lines = self.journal.missing(lines)
+        self.journal.append(lines)
+        self._journal_identity = self._identity_of_journal()
 
     def _look_after_journal(self) -> bool:
         """Write the journal anew from the database if it was taken away; whether it was there."""
-        if self._identity_of_journal() == self._journal_identity:
+        found, before = self._identity_of_journal(), self._journal_identity
+        if found == before and self.journal.waiting:
+            return True  # it could not be made yet
+        # The system gives the number of a file that was deleted to the next one.
+        if found and before and found[0] == before[0] and found[1] >= before[1]:
             return True
         self.journal.keep_waiting_of(())  # all of it is in the database
-        missing = self.journal.catch_up(journal_records(self.storage))
+        missing = self.journal.catch_up(self.storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
-        if missing:
+        if missing and before is not None:
             LOGGER.warning(
-                "%s: was deleted or replaced while the study was served; %s lines that it lacked "
-                "were written again from the database",
+                "%s: was deleted, emptied or replaced while the study was served; %s lines that it "
+                "lacked were written again from the database",
                 self.journal.path,
                 missing,
             )
         return False
 
-    def _identity_of_journal(self) -> tuple[int, int] | None:
-        """Which file the journal is; None if there is none."""
+    def _identity_of_journal(self) -> tuple[tuple[int, int], int] | None:
+        """Which file the journal is, and its size; None if there is none, or nothing in it."""
         try:
             found = self.journal.path.stat()
         except OSError:
             return None
-        return found.st_dev, found.st_ino
+        return ((found.st_dev, found.st_ino), found.st_size) if found.st_size else None
 
     def _forget_deleted_sessions(self) -> None:
         """Keep out of the journal who withdrew while it could not be written."""
         if self.journal.waiting:
-            self.journal.keep_waiting_of(self.storage.session_numbers())
+            self.journal.keep_waiting_of(self.storage.session_keys())
 
     async def _call(self, work: Callable[[], T]) -> T:
         """Do something with the database: one thing after another, off the event loop."""
@@ -388,6 +422,7 @@ class LiveExperiment:
                 result = work()
             except StoreError as error:
                 self.storage_failures.add(str(error))
+                self._is_away |= isinstance(error, TakenAwayError)
                 raise
             self.storage_failures.end()
             return result
@@ -395,12 +430,13 @@ class LiveExperiment:
         return await asyncio.get_running_loop().run_in_executor(self._pool, watched)
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """What may be remembered of a session: its number, and the kinds of its steps."""
+@dataclass
+class _Waiting:
+    """A record that waits to be saved, and who waits for that."""
 
-    session: int
-    kinds: tuple[str, ...]
+    session: Session
+    record: Record
+    saved: asyncio.Future[SaveResult]
 
 
 class _Visits:

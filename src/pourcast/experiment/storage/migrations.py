@@ -98,7 +98,8 @@ def _last_number(connection: sa.Connection) -> int | None:
     if not connection.scalar(sa.text(counters)):
         return None
     last = "SELECT seq FROM sqlite_sequence WHERE name = 'sessions'"
-    return connection.scalar(sa.text(last))
+    number: int | None = connection.scalar(sa.text(last))
+    return number
 
 
 _STEPS: dict[int, Callable[["Operations", sa.Connection], None]] = {1: _name_sessions}
