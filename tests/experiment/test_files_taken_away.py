@@ -238,6 +238,16 @@ for arguments in json.loads(sys.argv[1]):
 """
 
 
+def close_to_writers(folder):
+    for path in [*folder.rglob("*"), folder]:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+
+
+def open_to_writers(folder):
+    for path in [folder, *folder.rglob("*")]:
+        path.chmod(0o755)
+
+
 @pytest.fixture(params=["closed", "killed"])
 def read_only_copy(request, tmp_path):
     """A copy of a study that nobody can change, of a server that ended, or had no time to."""
@@ -254,11 +264,9 @@ def read_only_copy(request, tmp_path):
     (copy / "responses.sqlite-shm").unlink(missing_ok=True)
     left = {path.name for path in copy.glob("responses.sqlite-*")}
     assert left == ({"responses.sqlite-wal"} if request.param == "killed" else set())
-    for path in [*copy.rglob("*"), copy]:
-        path.chmod(0o555 if path.is_dir() else 0o444)
+    close_to_writers(copy)
     yield copy
-    for path in [copy, *copy.rglob("*")]:
-        path.chmod(0o755)
+    open_to_writers(copy)
 
 
 def run_read_only(copy, *commands):
@@ -290,8 +298,14 @@ def test_the_commands_that_read_work_on_a_copy_that_cannot_be_written(read_only_
 
 
 @pytest.mark.slow
-def test_compare_and_report_work_on_a_copy_that_cannot_be_written(read_only_copy, tmp_path):
+@pytest.mark.parametrize("swept", [False, True])
+def test_compare_and_report_work_on_a_copy_that_cannot_be_written(read_only_copy, tmp_path, swept):
     copy = read_only_copy
+    if swept:
+        open_to_writers(copy)
+        assert cli.run(["compare", str(copy), "-m", "gravity", "--resamples", "100"]) == 0
+        close_to_writers(copy)
+    assert (copy / "sweep").exists() == swept
     said = run_read_only(
         copy,
         *(
