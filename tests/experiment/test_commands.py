@@ -1,6 +1,7 @@
 """`pourcast experiment serve` and its kin at the command line."""
 
 import re
+import signal
 import socket
 from contextlib import closing
 
@@ -43,6 +44,8 @@ def test_a_check_makes_the_stimuli_and_the_design_and_stops(tmp_path, capsys):
     assert call("serve", study, "--check") == 0
     said = capsys.readouterr().out
     assert "6 scenes, 0 practice trials, groups: water | honey" in said
+    assert "Prolific: study link http://127.0.0.1:8000/?PROLIFIC_PID={{%PROLIFIC_PID%}}&" in said
+    assert "Prolific: no code for who completes" in said
     assert (study / "experiment.toml").is_file()
 
 
@@ -137,12 +140,18 @@ def test_a_server_that_cannot_be_made_ready_leaves_the_study_to_others(tmp_path,
 
 
 def test_a_server_says_its_links_before_anybody_can_come_and_ends_by_ctrl_c(tmp_path, monkeypatch):
+    ended = []
+
     def interrupted(server, sockets):
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)
+        ended.append(server.should_exit)
 
     monkeypatch.setattr("uvicorn.Server.run", interrupted)
     study = small_study(tmp_path)
     said = {}
     with closing(ExperimentServer(study, Storage.of_study(study), Address(port=0))) as server:
         server.run(said.update)
+    assert ended == [True]
+    with pytest.raises(KeyboardInterrupt):  # Ctrl-C is again what it was before
+        signal.raise_signal(signal.SIGINT)
     assert re.match(r"http://127.0.0.1:\d+/\?lab=", said["lab"])

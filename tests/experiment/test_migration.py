@@ -153,14 +153,15 @@ def test_an_older_file_is_migrated_when_it_is_opened(old_file, tmp_path, caplog)
     storage.delete([new.number])
     assert begin(storage, "request-5")[0].number == new.number + 1
     storage.close()
-    assert [r.message for r in caplog.records] == [
+    assert [r.message for r in caplog.records if "brought" in r.message] == [
         f"{old_file}: brought from schema 1 to {SCHEMA}; as it was, it is kept as "
         "responses-schema-1.sqlite"
     ]
     # And never again.
+    caplog.clear()
     again = Storage(f"sqlite:///{old_file}")
     again.close()
-    assert len(caplog.records) == 1
+    assert not caplog.records
 
 
 def test_a_number_that_was_deleted_before_is_not_given_out_after(tmp_path):
