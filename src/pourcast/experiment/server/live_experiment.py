@@ -20,6 +20,7 @@ from pourcast.experiment.design.links import PERSONAL, UNFILLED, Visitor
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.server.clock import Clock, RunningClock
+from pourcast.experiment.storage.database_file import TakenAwayError
 from pourcast.experiment.storage.endings import Ending
 from pourcast.experiment.storage.failures import LOGGER, Failures
 from pourcast.experiment.storage.journal import Journal, journal_words
@@ -339,7 +340,11 @@ class LiveExperiment:
         sessions = [one for one in self.storage.sessions() if one.state == DECLINED]
         if not sessions:
             return
-        self.journal.remove({session.key for session in sessions})
+        # Lines that were damaged, too, if they have a name that is this person's alone.
+        names = {one.code for one in sessions} | {
+            value for one in sessions for name, value in one.identifiers.items() if name in PERSONAL
+        }
+        self.journal.remove({session.key for session in sessions}, names)
         self._journal_identity = self._identity_of_journal()
         self.storage.delete({session.number for session in sessions})
         self.storage.forget_log()
@@ -435,42 +440,47 @@ class LiveExperiment:
             self._is_away = True
             raise
         if self._is_away:
+            self._is_away = False
             # It may have taken records that nobody was told of, nor the journal.
             self.journal.catch_up(self.storage.journal_lines())
             self._journal_identity = self._identity_of_journal()
             self.storage_failures.end()
-            self._is_away = False
         self._look_after_journal()
 
     def _append_to_journal(self, lines: Iterable[Line]) -> None:
         """Append what the database has by now; a journal that somebody took away is told of."""
-        if self._look_after_journal():
-            self.journal.append(lines)
-            self._journal_identity = self._identity_of_journal()
+        if not self._look_after_journal():
+            lines = self.journal.missing(lines)
+        self.journal.append(lines)
+        self._journal_identity = self._identity_of_journal()
 
     def _look_after_journal(self) -> bool:
         """Write the journal anew from the database if it was taken away; whether it was there."""
-        if self._identity_of_journal() == self._journal_identity:
+        found, before = self._identity_of_journal(), self._journal_identity
+        if found == before and self.journal.waiting:
+            return True  # it could not be made yet
+        # The system gives the number of a file that was deleted to the next one.
+        if found and before and found[0] == before[0] and found[1] >= before[1]:
             return True
         self.journal.keep_waiting_of(())  # all of it is in the database
         missing = self.journal.catch_up(self.storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
-        if missing:
+        if missing and before is not None:
             LOGGER.warning(
-                "%s: was deleted or replaced while the study was served; %s lines that it lacked "
-                "were written again from the database",
+                "%s: was deleted, emptied or replaced while the study was served; %s lines that it "
+                "lacked were written again from the database",
                 self.journal.path,
                 missing,
             )
         return False
 
-    def _identity_of_journal(self) -> tuple[int, int] | None:
-        """Which file the journal is; None if there is none."""
+    def _identity_of_journal(self) -> tuple[tuple[int, int], int] | None:
+        """Which file the journal is, and its size; None if there is none, or nothing in it."""
         try:
             found = self.journal.path.stat()
         except OSError:
             return None
-        return found.st_dev, found.st_ino
+        return ((found.st_dev, found.st_ino), found.st_size) if found.st_size else None
 
     def _forget_deleted_sessions(self) -> None:
         """Keep out of the journal who withdrew while it could not be written."""
@@ -485,6 +495,7 @@ class LiveExperiment:
                 result = work()
             except StoreError as error:
                 self.storage_failures.add(str(error))
+                self._is_away |= isinstance(error, TakenAwayError)
                 raise
             self.storage_failures.end()
             return result
