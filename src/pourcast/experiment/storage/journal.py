@@ -25,7 +25,7 @@ from pourcast.experiment.storage.record_lines import (
     is_line,
     line_names,
 )
-from pourcast.files import PRIVATE, keep_private, replacing
+from pourcast.files import PRIVATE, keep_private, left_behind, replacing
 
 NAME = "responses.jsonl"
 
@@ -59,14 +59,6 @@ class Journal:
     def waiting(self) -> int:
         """How many lines wait to be appended, since it could not be done."""
         return len(self._waiting)
-
-    @property
-    def is_begun(self) -> bool:
-        """Whether the file is there, and has anything in it."""
-        try:
-            return self.path.stat().st_size > 0
-        except OSError:
-            return False
 
     def append(self, lines: Iterable[Line]) -> None:
         """Append lines, and those that could not be appended before.
@@ -208,8 +200,11 @@ class Journal:
 
     def rewrite(self, content: bytes) -> None:
         """Put something else in the place of the file, all of it or nothing."""
-        with self._lock, replacing(self.path, private=True) as temporary:
-            temporary.write_bytes(content)
+        with self._lock:
+            for old in left_behind(self.path):  # whoever wrote it was killed: we have the lock
+                old.unlink(missing_ok=True)
+            with replacing(self.path, private=True) as temporary:
+                temporary.write_bytes(content)
 
     @contextmanager
     def _locked_if_possible(self) -> Iterator[None]:
