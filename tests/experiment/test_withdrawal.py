@@ -203,6 +203,17 @@ def test_what_is_not_ours_is_named_and_left_as_it_is(collected, capsys):
     assert f"there is no participant '{PID}'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("age", [0.0, 1e6])
+def test_what_a_kill_left_of_the_journal_goes_with_the_person(collected, age):
+    study, names = collected
+    left = study / ".responses-0123456789abcdef.jsonl"
+    shutil.copy(study / "responses.jsonl", left)
+    os.utime(left, (left.stat().st_mtime - age,) * 2)
+    assert call("data", study, "--withdraw", PID) == 0
+    assert not left.exists()
+    assert files_with(study, names) == []
+
+
 def test_everything_is_clean_by_itself_where_only_our_commands_wrote(collected, capsys):
     study, names = collected
     call("data", study, "--identifiers")

@@ -1,6 +1,6 @@
 """Commands of the experiment with people: serve, status, data."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, closing
 from enum import StrEnum
 from pathlib import Path
@@ -102,6 +102,7 @@ def serve(
     from pourcast.extras import require_extra
 
     require_extra("experiment")
+    from pourcast.experiment.design.services import prolific_settings
     from pourcast.experiment.design.settings import NAME
     from pourcast.experiment.server.process import Address, ExperimentServer
 
@@ -127,6 +128,7 @@ def serve(
                 f"responses: {storage.shown_url}"
             )
             if check:
+                _say(prolific_settings(experiment.design.recruiting, f"{address.base(port)}/"))
                 return
             server.run(print_links)
             saved = len(storage.records())
@@ -244,15 +246,31 @@ def export(
         raise InputError("export: --datapipe goes with --static")
     with _storage(study, database, must_exist=False) as storage, progress_bar() as report:
         from pourcast.experiment.design.materials import prepare_materials
+        from pourcast.experiment.design.services import (
+            datapipe_settings,
+            jatos_settings,
+            prolific_settings,
+        )
         from pourcast.experiment.page.export import export_jatos, export_static
 
         materials = prepare_materials(study, storage.secret, report)
+    recruiting = materials.design.recruiting
     if jatos is not None:
         export_jatos(jatos, materials)
         typer.echo(f"{jatos}: import it in JATOS; its results come back by --import")
+        _say(prolific_settings(recruiting, "STUDY-LINK"))
+        _say(jatos_settings())
     if static is not None:
         export_static(static, materials, datapipe=datapipe)
         typer.echo(f"{static}: put it on a web host; index.html is the link")
+        _say(prolific_settings(recruiting, "https://YOUR-HOST/index.html"))
+        if datapipe:
+            _say(datapipe_settings(datapipe))
+
+
+def _say(lines: Iterable[str]) -> None:
+    for line in lines:
+        typer.echo(line)
 
 
 def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:

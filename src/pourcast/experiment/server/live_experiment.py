@@ -34,7 +34,6 @@ from pourcast.experiment.storage.record_lines import (
 from pourcast.experiment.storage.records import Record, SaveResult
 from pourcast.experiment.storage.sessions import (
     DECLINED,
-    DROPPED,
     OPEN,
     Arrival,
     Refusal,
@@ -263,11 +262,9 @@ class LiveExperiment:
 
         def work() -> Ending | None:
             ending = self.storage.finish(token, state, tab)
-            if ending is None or ending.session.state in (OPEN, DROPPED):
-                return ending
-            if ending.session.state == DECLINED:
+            if ending is not None and ending.session.state == DECLINED:
                 self._delete_declined()
-            else:
+            elif ending is not None and ending.is_new:
                 self._append_to_journal([state_line(ending.session.key, ending.session.state)])
             return ending
 

@@ -111,9 +111,13 @@ class Storage:
             self.engine = server_engine(self.url)
         else:
             self._open_file(Path(self.url.database or ""))
-        self._prepare_tables()
-        self.words = self._secret_words(words)
-        """The database's secrets: what links, codes and names of media are made with."""
+        try:
+            self._prepare_tables()
+            self.words = self._secret_words(words)
+            """The database's secrets: what links, codes and names of media are made with."""
+        except BaseException:
+            self.close()
+            raise
 
     @classmethod
     def of_study(cls, study: Path, url: str | None = None) -> "Storage":
@@ -475,8 +479,10 @@ class Storage:
             return True
         with self._alone() as connection:
             connection.exec_driver_sql("PRAGMA busy_timeout = 0")
-            busy = connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)").one()[0]
-            connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY_TIMEOUT}")
+            try:
+                busy = connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)").one()[0]
+            finally:
+                connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY_TIMEOUT}")
             return not busy
 
     def write_anew(self) -> None:
