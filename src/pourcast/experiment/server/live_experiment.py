@@ -118,7 +118,8 @@ class LiveExperiment:
         # All that an earlier server's stamps tell may be of another clock.
         self.storage.wait_anew(self.clock())
         self._delete_declined()
-        self.storage.forget_log()
+        # What an earlier server deleted may be in the log still, if it was killed just then.
+        self._log_is_clean = storage.forget_log()
         self.journal.catch_up(storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
         self._states = storage.states()
@@ -347,7 +348,7 @@ class LiveExperiment:
         self.journal.remove({session.key for session in sessions}, names)
         self._journal_identity = self._identity_of_journal()
         self.storage.delete({session.number for session in sessions})
-        self.storage.forget_log()
+        self._log_is_clean = self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------
 
@@ -446,6 +447,8 @@ class LiveExperiment:
             self._journal_identity = self._identity_of_journal()
             self.storage_failures.end()
         self._look_after_journal()
+        if not self._log_is_clean:
+            self._log_is_clean = self.storage.forget_log()
 
     def _append_to_journal(self, lines: Iterable[Line]) -> None:
         """Append what the database has by now; a journal that somebody took away is told of."""
