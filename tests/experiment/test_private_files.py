@@ -21,7 +21,6 @@ from pourcast.experiment.data.tables import (
     write_csv,
 )
 from pourcast.experiment.design.links import link_key
-from pourcast.experiment.storage.database import open_engine
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.sessions import Arrival
 from pourcast.experiment.storage.storage import Storage
@@ -125,9 +124,8 @@ def current_umask():
 def test_sqlite_keeps_its_locks_when_its_files_are_kept_private(tmp_path):
     path = tmp_path / "responses.sqlite"
     first = Storage(f"sqlite:///{path}")
-    with first.engine.connect() as connection:
-        connection.exec_driver_sql("BEGIN IMMEDIATE")
-        open_engine(f"sqlite:///{path}").dispose()
+    with first.engine.execution_options(writes=True).begin():
+        Storage(f"sqlite:///{path}").close()
         script = (
             "import sqlite3, sys\n"
             f"c = sqlite3.connect({str(path)!r}, timeout=0, isolation_level=None)\n"

@@ -198,6 +198,9 @@ def data(
 
     Example: pourcast experiment data my-study --format psych-ds -o my-data
     """
+    if withdraw is not None and _database_is_lost(study, database):
+        _withdraw(study, None, withdraw)
+        return
     with _storage(study, database, must_exist=not import_files) as storage:
         if import_files:
             _import(study, storage, import_files)
@@ -288,10 +291,34 @@ def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
         )
 
 
-def _withdraw(study: Path, storage: "Storage", who: str) -> None:
+def _database_is_lost(study: Path, database: str | None) -> bool:
+    """Whether a study has a journal, and no database."""
+    from pourcast.experiment.storage.journal import NAME
+    from pourcast.study.folder import DATABASE, study_scenes
+
+    study_scenes(study)
+    return database is None and not (study / DATABASE).exists() and (study / NAME).exists()
+
+
+def _withdraw(study: Path, storage: "Storage | None", who: str) -> None:
+    from pourcast.comparison.compare import TABLES
+    from pourcast.errors import StoreError
     from pourcast.experiment.data.withdrawal import withdraw
     from pourcast.experiment.storage.journal import Journal
 
-    for line in withdraw(study, storage, Journal.of_study(study), who):
+    done = withdraw(study, storage, Journal.of_study(study), who, tables=TABLES)
+    for line in done.deleted:
         typer.echo(f"deleted: {line}")
-    typer.echo("tables that you wrote elsewhere are as they were; write them again")
+    for line in done.notes:
+        typer.echo(f"note: {line}")
+    typer.echo(
+        "outside of the study folder (backups, copies, JATOS, DataPipe and the OSF, the recruiting "
+        f"platform) look for: {', '.join(done.person.to_look_for)}"
+    )
+    for line in done.left:
+        typer.echo(f"left: {line}")
+    if done.left:
+        raise StoreError(
+            f"withdraw: {len(done.left)} things are left, named above; clean or delete them by "
+            "hand, and say the same command again"
+        )

@@ -19,7 +19,8 @@ TRIAL_COLUMNS = {
     "participant": "Code of the participant, the same in all tables",
     "session": "Number of the session",
     "entry": "How the participant came: lab, prolific, mturk, jatos, static, preview, simulation",
-    "state": "State of the session: open, complete, dropped, screened_out or failed_check",
+    "state": "State of the session: open, complete, dropped, screened_out, failed_check, or "
+    "declined_later (after having agreed)",
     "group": "Number of the group, from 1; groups see different liquids",
     "phase": "practice, followed by a film of what happens, or test",
     "block": "Part of the test, from 1; parts are followed by a break",

@@ -60,14 +60,6 @@ class Journal:
         """How many lines wait to be appended, since it could not be done."""
         return len(self._waiting)
 
-    @property
-    def is_begun(self) -> bool:
-        """Whether the file is there, and has anything in it."""
-        try:
-            return self.path.stat().st_size > 0
-        except OSError:
-            return False
-
     def append(self, lines: Iterable[Line]) -> None:
         """Append lines, and those that could not be appended before.
 

@@ -1,7 +1,7 @@
 """The secrets of a database: random words that links, codes and names of media are made with."""
 
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import sqlalchemy as sa
 
@@ -10,23 +10,19 @@ from pourcast.experiment.storage.schema import META
 NAMES = ("secret", "admin")
 
 
-def secret_words(
-    connection: sa.Connection, former: Callable[[], Mapping[str, str]]
-) -> dict[str, str]:
-    """The words of a database, by name; a new one gets its former ones, or is made new ones.
+def made_words(connection: sa.Connection, former: Mapping[str, str]) -> dict[str, str]:
+    """Give a new database its words, and return them by name.
 
     Parameters
     ----------
     connection
-        A transaction.
+        A transaction that writes.
     former
-        Called if there are none: those that the study had before its database was lost.
+        Those that the study had before its database was lost; the others are made up.
     """
-    words = _kept(connection)
-    if len(words) < len(NAMES):
-        known = {**former(), **words}
-        set_words(connection, {name: known.get(name) or secrets.token_hex(16) for name in NAMES})
-        words = _kept(connection)
+    known = {**former, **kept_words(connection)}
+    words = {name: known.get(name) or secrets.token_hex(16) for name in NAMES}
+    set_words(connection, words)
     return words
 
 
@@ -36,6 +32,7 @@ def set_words(connection: sa.Connection, words: Mapping[str, str]) -> None:
     connection.execute(META.insert(), [{"name": name, "value": words[name]} for name in NAMES])
 
 
-def _kept(connection: sa.Connection) -> dict[str, str]:
+def kept_words(connection: sa.Connection) -> dict[str, str]:
+    """The words that a database has, by name."""
     rows = connection.execute(sa.select(META).where(META.c.name.in_(NAMES)))
     return {row.name: row.value for row in rows}

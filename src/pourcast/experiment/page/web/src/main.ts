@@ -263,10 +263,16 @@ class Study {
   private async isOver(session: Session, end: End, met: (trouble: Unreachable) => void): Promise<boolean> {
     await this.sender.flushed();
     try {
-      const said = await this.transport.finish(session.token, end, this.outbox.of(session.token));
+      const entries = this.outbox.of(session.token);
+      const said = await this.transport.finish(session.token, end, entries, this.tab);
       if (said.missing.length) return this.supply(session, said.missing);
+      if (said.state === "open" || said.state === "dropped") {
+        this.sayMoved(session); // another tab has it, and goes on
+        return true;
+      }
       await this.outbox.forget(session.token);
-      this.farewell(session, end, { code: said.code ?? "", redirect: said.redirect ?? "" });
+      const way = { code: said.code ?? "", redirect: said.redirect ?? "" };
+      this.farewell(session, (said.state as End | undefined) ?? end, way);
       return true;
     } catch (error) {
       if (!(error instanceof Unreachable)) throw error;
