@@ -202,6 +202,34 @@ def test_a_defect_in_the_middle_offers_what_was_answered(experiment, browser):
 
 
 @pytest.mark.slow
+def test_two_tabs_are_recognised_without_channels(experiment, browser):
+    _, link = experiment
+    someone = Participant(browser, link, script="delete window.BroadcastChannel;")
+    someone.begin()
+    someone.judge(0.5)
+    first, someone.page = someone.page, someone.open()
+    someone.see("The study is open in another window")
+    someone.press("Go on here")
+    first.get_by_text("You went on in another window").wait_for()
+    someone.see("Welcome back")
+    someone.close()
+
+
+@pytest.mark.slow
+def test_a_picture_that_is_nowhere_is_not_called_a_slow_connection(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, "about:blank")
+    someone.page.route("**/media/*.png", lambda route: route.fulfill(status=404))
+    someone.page.goto(link)
+    someone.begin()
+    someone.page.get_by_text("A picture of this study is not where it should be").wait_for()
+    someone.page.unroute("**/media/*.png")
+    someone.go_on()
+    assert saved(opened) == pytest.approx(someone.answers, abs=0.004)
+    someone.close()
+
+
+@pytest.mark.slow
 def test_a_server_that_refuses_answers_is_not_called_unreachable(experiment, browser):
     opened, link = experiment
     someone = Participant(browser, link)

@@ -552,6 +552,29 @@ def test_a_datapipe_that_is_not_switched_on_is_told_of(tmp_path, browser):
     assert imported(study, tmp_path / name, tmp_path)[1] == close_to(someone.answers)
 
 
+@pytest.mark.slow
+def test_answers_that_somebody_left_are_sent_when_they_can_be(tmp_path, browser):
+    datapipe = DataPipe()
+    datapipe.active = False
+    with page_with_datapipe(tmp_path, browser, datapipe) as (study, someone):
+        someone.begin()
+        someone.go_on()
+        someone.press("I am somebody else")
+        someone.see("Welcome")
+        datapipe.active = True
+        with someone.page.expect_response("https://pipe.jspsych.org/**"):
+            someone.page.reload()
+        someone.see("Welcome")
+        before = datapipe.asked
+        someone.page.reload()
+        someone.see("Welcome")
+        someone.page.wait_for_timeout(500)
+        assert datapipe.asked == before  # once it is there, nobody is asked again
+    ((name, content),) = datapipe.files.items()
+    (tmp_path / name).write_text(content)
+    assert imported(study, tmp_path / name, tmp_path)[1] == close_to(someone.answers)
+
+
 def test_jatos_gets_each_answer_as_it_comes(tmp_path, browser):
     study = small_study(tmp_path / "s", scenes=3)
     assert cli.run(["experiment", "export", str(study), "--jatos", str(tmp_path / "a.jzip")]) == 0

@@ -24,6 +24,9 @@ const PATIENCE = 20_000;
 
 const page = document.getElementById("page") as HTMLElement;
 
+/** Under what name sessions that were left are remembered. */
+const LEFT = "pourcast left";
+
 /** Words that the page itself brings, for when the server can't be reached. */
 const words = page.dataset as { [name in "reaching" | "offline" | "silent" | "failing" | "broken"]: string };
 
@@ -100,6 +103,7 @@ class Study {
   private async visit(): Promise<void> {
     // What an earlier visit could not send, whosever it was.
     this.sender.start();
+    void this.endThoseLeft();
     const elsewhere = await this.tabs.elsewhere();
     // Whether there was a session before this page: it goes on.
     let [session, resumed] = await this.session();
@@ -237,9 +241,29 @@ class Study {
   }
 
   private beginAnew(): void {
-    // What the one before has not sent yet stays in the outbox, and is sent.
+    // What the one before has not sent yet stays in the outbox, and is sent; so is how it ended.
+    const { token, end } = this.memory;
+    if (token && end && this.outbox.of(token).length) remember(LEFT, { ...this.left, [token]: end });
     this.memory = {};
     location.reload();
+  }
+
+  /** How sessions ended that somebody left at this computer before that could be told. */
+  private get left(): { [token: string]: End } {
+    return (recall(LEFT) ?? {}) as { [token: string]: End };
+  }
+
+  /** Ends them, once all their records are sent; who can't be reached is asked by the next page. */
+  private async endThoseLeft(): Promise<void> {
+    for (const [token, end] of Object.entries(this.left)) {
+      await this.sender.flushed();
+      const entries = this.outbox.of(token);
+      const said = await this.transport.finish(token, end, entries, this.tab).catch(() => null);
+      if (!said || said.missing.length) continue;
+      await this.outbox.forget(token);
+      const { [token]: done, ...others } = this.left;
+      if (done) remember(LEFT, others);
+    }
   }
 
   /** The last page waits for the network, and only it. */
