@@ -45,13 +45,17 @@ interface Visit {
 type Trouble = { why: Unreachable["why"] | "refused" | "broken" | "file"; cause: string };
 
 function troubleOf(error: unknown): Trouble {
-  if (error instanceof Unreachable) return { why: error.why, cause: error.message };
-  if (error instanceof Refused) {
-    const cause = error.text || `${error.reason}, status ${error.status}`;
-    return { why: error.reason === "file" ? "file" : "refused", cause };
-  }
-  // A defect of the browser's or of ours: whoever reads it can tell us.
-  return { why: "broken", cause: String(error) };
+  if (error instanceof Unreachable) return { why: error.why, cause: causeOf(error) };
+  if (error instanceof Refused)
+    return { why: error.reason === "file" ? "file" : "refused", cause: causeOf(error) };
+  return { why: "broken", cause: causeOf(error) };
+}
+
+/** What happened, as part of a sentence; of a defect, what whoever reads it can tell us. */
+function causeOf(error: unknown): string {
+  if (error instanceof Unreachable) return error.message;
+  const said = error instanceof Refused ? error.text || `${error.reason}, status ${error.status}` : String(error);
+  return said.replace(/[.\s]+$/, "");
 }
 
 /** Asks until somebody answers: for what passes alone, and saying what it is. */
@@ -357,7 +361,7 @@ class Study {
     const link = page.querySelector("a") as HTMLAnchorElement;
     link.href = URL.createObjectURL(new Blob([file], { type: "application/json" }));
     page.dataset["state"] = why;
-    this.offerAnew(session);
+    if (this.outbox.survives) this.offerAnew(session);
   }
 
   /** At a computer that several people use, the next one can begin. */
@@ -387,7 +391,7 @@ async function main(): Promise<void> {
     const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));
     await new Study(await Outbox.open(), link).run();
   } catch (error) {
-    show(`<p>${escaped(fill(words.broken, { cause: String(error) }))}</p>`);
+    show(`<p>${escaped(fill(words.broken, { cause: causeOf(error) }))}</p>`);
   }
 }
 
