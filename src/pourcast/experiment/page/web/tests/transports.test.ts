@@ -513,7 +513,7 @@ describe("a static folder", () => {
 
   it("leaves nobody's identifiers in the browser: neither of who declined, nor of who is done", async () => {
     new WebHost().install();
-    const stored = () => JSON.stringify({ ...localStorage });
+    const stored = () => JSON.stringify(Object.entries(localStorage));
     for (const end of ["declined", "complete"] as const) {
       const transport = new StaticTransport({ PROLIFIC_PID: "p9" });
       const { token } = await transport.begin(`request-${end}`);
