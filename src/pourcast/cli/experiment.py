@@ -24,10 +24,31 @@ class DataFormat(StrEnum):
     PSYCH_DS = "psych-ds"
 
 
+def _tell_of_password(
+    context: typer.Context, parameter: typer.CallbackParam, url: str | None
+) -> str | None:
+    """Say that a password on the command line can be read by others."""
+    source = context.get_parameter_source(parameter.name or "")
+    if url is None or source is None or source.name != "COMMANDLINE":
+        return url
+    from pourcast.extras import require_extra
+
+    require_extra("experiment")
+    from pourcast.experiment.storage.database import has_password
+
+    if has_password(url):
+        typer.echo(
+            "note: others on this computer can read the password in the list of processes; put "
+            "the URL into the variable POURCAST_DATABASE, or the password into ~/.pgpass",
+            err=True,
+        )
+    return url
+
+
 DatabaseOption = Annotated[
     str | None,
     typer.Option(
-        metavar="URL", envvar="POURCAST_DATABASE",
+        metavar="URL", envvar="POURCAST_DATABASE", callback=_tell_of_password,
         help="Database, such as postgresql://user@host/name [SQLite in the study folder].",
     ),
 ]  # fmt: skip
@@ -123,7 +144,7 @@ def serve(
                 f"{study}: {len(experiment.scenes)} scenes, {experiment.design.practice} practice "
                 f"trials, groups: {groups}\ndesign: {study / NAME}\n"
                 f"stimuli: {experiment.materials.stimuli.folder}\n"
-                f"responses: {storage.url.render_as_string()}"
+                f"responses: {storage.shown_url}"
             )
             if check:
                 return
@@ -173,6 +194,9 @@ def data(
         bool,
         typer.Option("--identifiers", help="With the platform's ids, which nobody else may see."),
     ] = False,
+    remarks: Annotated[
+        bool, typer.Option("--remarks", help="psych-ds: with what participants wrote at the end.")
+    ] = False,
     preview: Annotated[
         bool, typer.Option("--preview", help="With those who came by the preview link.")
     ] = False,
@@ -199,7 +223,15 @@ def data(
             _withdraw(study, storage, withdraw)
         if out is None and (import_files or withdraw is not None):
             return
-        _write(study, storage, out or study / "data", form, identifiers, preview)
+        from pourcast.experiment.data.dataset import write_data
+
+        written = write_data(
+            out or study / "data", study, storage, form.value, identifiers=identifiers,
+            remarks=remarks, preview=preview,
+        )  # fmt: skip
+    for path in written.paths:
+        typer.echo(str(path))
+    typer.echo(f"{written.participants} participants, {written.judgments} judgments")
 
 
 @experiment_app.command()
@@ -274,14 +306,3 @@ def _withdraw(study: Path, storage: "Storage", who: str) -> None:
     for line in withdraw(study, storage, Journal.of_study(study), who):
         typer.echo(f"deleted: {line}")
     typer.echo("tables that you wrote elsewhere are as they were; write them again")
-
-
-def _write(
-    study: Path, storage: "Storage", out: Path, form: DataFormat, identifiers: bool, preview: bool
-) -> None:
-    from pourcast.experiment.data.dataset import write_data
-
-    written = write_data(out, study, storage, form.value, identifiers=identifiers, preview=preview)
-    for path in written.paths:
-        typer.echo(str(path))
-    typer.echo(f"{written.participants} participants, {written.judgments} judgments")

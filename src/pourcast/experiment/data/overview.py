@@ -13,7 +13,7 @@ from pourcast.experiment.data.tables import trials_table
 from pourcast.experiment.design.links import UNFILLED
 from pourcast.experiment.design.settings import read_design
 from pourcast.experiment.storage.journal import NAME as JOURNAL
-from pourcast.experiment.storage.journal import Journal, journal_records
+from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.sessions import DECLINED_LATER, DROPPED, OPEN, Session
 from pourcast.experiment.storage.storage import Storage
 from pourcast.experiment.storage.visits import REFUSED_BECAUSE
@@ -168,7 +168,7 @@ def overview(storage: Storage, journal: Journal, *, stale_before: float = -math.
         judgments=len(trials),
         conflicts=sum(record.session in recruited for record in storage.conflicts()),
         declined_later=tuple(one.participant for one in sessions if one.state == DECLINED_LATER),
-        missing_in_journal=len(journal.missing(journal_records(storage))),
+        missing_in_journal=len(journal.missing(storage.journal_lines())),
         shared={one.participant: at_once[one.number] for one in sessions if one.number in at_once},
         unfilled=tuple(one.participant for one in sessions if UNFILLED in one.identifiers),
         refusals=storage.refusals(),

@@ -43,7 +43,8 @@ def withdraw(study: Path, storage: Storage, journal: Journal, who: str) -> list[
     numbers = {one.number for one in sessions}
     codes = {one.participant for one in sessions}
     # The database last: it tells who they are, should this be interrupted and begun again.
-    lines = journal.remove(lambda line: line["session"] in numbers)
+    names = {name for one in sessions for name in _names(one)}
+    lines = journal.remove({one.key for one in sessions}, names)
     deleted = [f"{journal.path.name}: {lines} lines"]
     for path in finished_files(study / "responses"):
         removed = _remove_from_table(path, codes)

@@ -21,10 +21,25 @@ from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.server.clock import Clock, RunningClock
 from pourcast.experiment.storage.endings import Ending
 from pourcast.experiment.storage.failures import LOGGER, Failures
-from pourcast.experiment.storage.journal import Journal, journal_records, opening_record
+from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_bodies import canonical
+from pourcast.experiment.storage.record_lines import (
+    Line,
+    opening_line,
+    record_line,
+    state_line,
+    tab_line,
+    token_line,
+)
 from pourcast.experiment.storage.records import Record, SaveResult
-from pourcast.experiment.storage.sessions import DECLINED, OPEN, Arrival, Refusal, Session
+from pourcast.experiment.storage.sessions import (
+    DECLINED,
+    OPEN,
+    Arrival,
+    Refusal,
+    Session,
+    token_digest,
+)
 from pourcast.experiment.storage.storage import Storage
 from pourcast.experiment.storage.visits import REFUSED_BECAUSE
 from pourcast.progress import Report, no_report
@@ -98,16 +113,17 @@ class LiveExperiment:
         # All that an earlier server's stamps tell may be of another clock.
         self.storage.wait_anew(self.clock())
         self._delete_declined()
-        self.journal.catch_up(journal_records(storage))
+        self.storage.forget_log()
+        self.journal.catch_up(storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
         self._is_away = False
         self._visits = _Visits(sessions_per_address)
         self._allowed_ids = allowed_ids
         self._told_refusals: set[str] = set()
-        self._plans: OrderedDict[str, _Plan] = OrderedDict()
+        self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
         self._journal_retry = journal_retry
-        self._waiting: asyncio.Queue[tuple[Record, asyncio.Future[SaveResult]]] | None = None
+        self._waiting: asyncio.Queue[_Waiting] | None = None
 
     @property
     def failures(self) -> list[str]:
@@ -140,7 +156,7 @@ class LiveExperiment:
         ids = {one for name, one in visitor.identifiers.items() if name in PERSONAL}
         is_platforms = visitor.entry in ("prolific", "mturk")
         if is_platforms and self._allowed_ids is not None and not ids <= self._allowed_ids:
-            await self._count_refusal("unlisted", ", ".join(ids))
+            await self._count_refusal("unlisted")
             raise Refusal("unlisted")
         arrival = Arrival(request, visitor.entry, visitor.identifiers, tab, visitor.participant)
 
@@ -154,8 +170,13 @@ class LiveExperiment:
                 largest_gap=self.design.largest_gap,
                 now=self.clock(),
             )
+            digest = token_digest(token)
             if is_new:
-                self._append_to_journal([opening_record(session)])
+                self._append_to_journal([opening_line(session, [digest])])
+            else:
+                self._append_to_journal(
+                    [token_line(session.key, digest), tab_line(session.key, tab)]
+                )
             return session, token
 
         return await self._call(work)
@@ -180,15 +201,15 @@ class LiveExperiment:
         await self._count_refusal(UNFILLED, ", ".join(f"{k}={v}" for k, v in found.items()))
         raise Refusal(UNFILLED)
 
-    async def _count_refusal(self, reason: str, found: str) -> None:
-        """Count a refusal, and tell of the first one."""
+    async def _count_refusal(self, reason: str, found: str = "") -> None:
+        """Count a refusal, and tell of the first one: without ids, which are for no log."""
         await self._call(lambda: self.storage.count_refusal(reason))
         if reason not in self._told_refusals:
             self._told_refusals.add(reason)
             LOGGER.warning(
-                "a visitor was refused, %s (%.100r); `pourcast experiment status` counts them",
+                "a visitor was refused, %s%s; `pourcast experiment status` counts them",
                 REFUSED_BECAUSE[reason],
-                found,
+                f" (found {found[:100]!r})" if found else "",
             )
 
     async def resume(self, token: str, tab: str | None) -> Session:
@@ -200,15 +221,20 @@ class LiveExperiment:
             If the session is none (`gone`), or was left for too long and its place is somebody
             else's (`late`).
         """
-        session = await self._call(
-            lambda: self.storage.resume(
+
+        def work() -> Session | None:
+            session = self.storage.resume(
                 token,
                 tab,
                 places=self.design.places,
                 largest_gap=self.design.largest_gap,
                 now=self.clock(),
             )
-        )
+            if session is not None and tab is not None and session.state == OPEN:
+                self._append_to_journal([tab_line(session.key, tab)])
+            return session
+
+        session = await self._call(work)
         if session is None:
             raise Refusal("gone")
         return session
@@ -231,39 +257,38 @@ class LiveExperiment:
         StoreError
             If it could not be saved.
         """
-        plan = await self._plan_of(token)
-        if not 0 <= seq < len(plan.kinds):
+        session = await self._remembered(token)
+        if not 0 <= seq < len(session.steps):
             raise NoSuchStepError(seq)
-        kind = plan.kinds[seq]
+        kind = session.steps[seq].kind
         body = canonical(kind, content)
-        record = Record(plan.session, seq, kind, body, self.clock(), tab, token)
+        record = Record(session.number, seq, kind, body, self.clock(), tab, token)
         if self._waiting is None or self._waiting.qsize() >= _MOST_WAITING:
             self.storage_failures.add("too much is waiting to be saved")
             raise StoreError("too much is waiting to be saved")
         saved: asyncio.Future[SaveResult] = asyncio.get_running_loop().create_future()
-        self._waiting.put_nowait((record, saved))
+        self._waiting.put_nowait(_Waiting(session, record, saved))
         result = await saved
         if result.status == "gone":
-            self._plans.pop(token, None)
+            self._sessions.pop(token, None)
             raise Refusal("gone")
         return result
 
-    async def _plan_of(self, token: str) -> "_Plan":
-        """What a token's session asks for, remembered.
+    async def _remembered(self, token: str) -> Session:
+        """A token's session, of which only what never changes may be relied on, such as its steps.
 
-        It never changes, and a token is never another session's. Whether the session is still
-        there only the database knows, when a record is saved.
+        A token is never another session's. Whether the session is still there only the database
+        knows, when a record is saved.
         """
-        plan = self._plans.get(token)
-        if plan is None:
+        session = self._sessions.get(token)
+        if session is None:
             session = await self._call(lambda: self.storage.session_of(token))
             if session is None:
                 raise Refusal("gone")
-            plan = _Plan(session.number, tuple(step.kind for step in session.steps))
-            self._plans[token] = plan
-            if len(self._plans) > _REMEMBERED:
-                self._plans.popitem(last=False)
-        return plan
+            self._sessions[token] = session
+            if len(self._sessions) > _REMEMBERED:
+                self._sessions.popitem(last=False)
+        return session
 
     async def finish(self, token: str, state: str, tab: str) -> Ending | None:
         """End a session as a page wishes, if it can; see `finish_session`. None if there is none.
@@ -280,6 +305,8 @@ class LiveExperiment:
             ending = self.storage.finish(token, state, tab)
             if ending is not None and ending.session.state == DECLINED:
                 self._delete_declined()
+            elif ending is not None and ending.is_new:
+                self._append_to_journal([state_line(ending.session.key, ending.session.state)])
             return ending
 
         return await self._call(work)
@@ -293,10 +320,9 @@ class LiveExperiment:
         sessions = [one for one in self.storage.sessions() if one.state == DECLINED]
         if not sessions:
             return
-        numbers = {session.number for session in sessions}
-        self.journal.remove(lambda line: line["session"] in numbers)
+        self.journal.remove({session.key for session in sessions})
         self._journal_identity = self._identity_of_journal()
-        self.storage.delete(numbers, vacuum=False)
+        self.storage.delete({session.number for session in sessions}, vacuum=False)
         self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------
@@ -315,38 +341,37 @@ class LiveExperiment:
         finally:
             self._waiting = None
 
-    async def _save_batches(
-        self, waiting: "asyncio.Queue[tuple[Record, asyncio.Future[SaveResult]]]"
-    ) -> None:
+    async def _save_batches(self, waiting: "asyncio.Queue[_Waiting]") -> None:
         """Save all that waits in one transaction, again and again."""
         while True:
             batch = [await waiting.get()]
             while not waiting.empty() and len(batch) < _LARGEST_BATCH:
                 batch.append(waiting.get_nowait())
-            records = [record for record, _ in batch]
             try:
-                results = await self._call(partial(self._save, records))
+                results = await self._call(partial(self._save, batch))
             except Exception as error:
-                listeners = [saved for _, saved in batch if not saved.done()]
+                listeners = [one.saved for one in batch if not one.saved.done()]
                 for saved in listeners:
                     saved.set_exception(error)
                 if not listeners:
                     LOGGER.exception("%s records were not saved; nobody waits for them", len(batch))
                 continue
-            for (_, saved), result in zip(batch, results, strict=True):
-                if not saved.done():
-                    saved.set_result(result)
+            for one, result in zip(batch, results, strict=True):
+                if not one.saved.done():
+                    one.saved.set_result(result)
 
-    def _save(self, records: list[Record]) -> list[SaveResult]:
+    def _save(self, batch: "list[_Waiting]") -> list[SaveResult]:
         self._forget_deleted_sessions()
-        results = self.storage.save(records)
-        back = {record.session for record, one in zip(records, results, strict=True) if one.dropped}
+        results = self.storage.save([one.record for one in batch])
+        back = {
+            one.session.number for one, result in zip(batch, results, strict=True) if result.dropped
+        }
         for session in back:
             self.storage.reopen(session, self.design.places, self.clock())
         self._append_to_journal(
-            record
-            for record, result in zip(records, results, strict=True)
-            if result.status == "new"
+            record_line(one.session, one.record, aside=result.status == "conflict")
+            for one, result in zip(batch, results, strict=True)
+            if result.kept
         )
         return results
 
@@ -380,16 +405,16 @@ class LiveExperiment:
             raise
         if self._is_away:
             # It may have taken records that nobody was told of, nor the journal.
-            self.journal.catch_up(journal_records(self.storage))
+            self.journal.catch_up(self.storage.journal_lines())
             self._journal_identity = self._identity_of_journal()
             self.storage_failures.end()
             self._is_away = False
         self._look_after_journal()
 
-    def _append_to_journal(self, records: Iterable[Record]) -> None:
+    def _append_to_journal(self, lines: Iterable[Line]) -> None:
         """Append what the database has by now; a journal that somebody took away is told of."""
         if self._look_after_journal():
-            self.journal.append(records)
+            self.journal.append(lines)
             self._journal_identity = self._identity_of_journal()
 
     def _look_after_journal(self) -> bool:
@@ -397,7 +422,7 @@ class LiveExperiment:
         if self._identity_of_journal() == self._journal_identity:
             return True
         self.journal.keep_waiting_of(())  # all of it is in the database
-        missing = self.journal.catch_up(journal_records(self.storage))
+        missing = self.journal.catch_up(self.storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
         if missing:
             LOGGER.warning(
@@ -419,7 +444,7 @@ class LiveExperiment:
     def _forget_deleted_sessions(self) -> None:
         """Keep out of the journal who withdrew while it could not be written."""
         if self.journal.waiting:
-            self.journal.keep_waiting_of(self.storage.session_numbers())
+            self.journal.keep_waiting_of(self.storage.session_keys())
 
     async def _call(self, work: Callable[[], T]) -> T:
         """Do something with the database: one thing after another, off the event loop."""
@@ -436,12 +461,13 @@ class LiveExperiment:
         return await asyncio.get_running_loop().run_in_executor(self._pool, watched)
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """What may be remembered of a session: its number, and the kinds of its steps."""
+@dataclass
+class _Waiting:
+    """A record that waits to be saved, and who waits for that."""
 
-    session: int
-    kinds: tuple[str, ...]
+    session: Session
+    record: Record
+    saved: asyncio.Future[SaveResult]
 
 
 class _Visits:

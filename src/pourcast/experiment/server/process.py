@@ -26,6 +26,7 @@ from pourcast.experiment.server.connections import (
 )
 from pourcast.experiment.server.live_experiment import LiveExperiment
 from pourcast.experiment.storage.storage import Storage
+from pourcast.files import PRIVATE, keep_private
 from pourcast.progress import Report, no_report
 
 LOCK = "experiment.lock"
@@ -174,7 +175,8 @@ def lock_study(study: Path) -> FileLock:
     StoreError
         If another one serves it.
     """
-    lock = FileLock(study / LOCK)
+    keep_private(study / LOCK)
+    lock = FileLock(study / LOCK, mode=PRIVATE)
     try:
         lock.acquire(blocking=False)
     except Timeout:

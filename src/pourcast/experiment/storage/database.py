@@ -33,9 +33,11 @@ def database_url(text: str) -> sa.URL:
         if url.drivername == "postgresql":
             url = url.set(drivername="postgresql+psycopg")
         kind = url.get_backend_name()
-    except sa.exc.ArgumentError as error:
+    except (sa.exc.ArgumentError, ValueError):
+        # What is wrong is not quoted: a password may stand in it.
         raise InputError(
-            f"database: expected a URL such as postgresql://user@host/name ({error})"
+            "database: expected a URL such as postgresql://user@host/name; in a password, write "
+            "@ as %40, / as %2F, : as %3A"
         ) from None
     if kind not in ("sqlite", "postgresql"):
         raise InputError(f"database: expected sqlite or postgresql, found {kind}")
@@ -51,7 +53,8 @@ def server_engine(url: sa.URL) -> sa.Engine:
         If what speaks to it isn't installed.
     """
     try:
-        return sa.create_engine(url)
+        # No participant's answer in what is logged of a failure.
+        return sa.create_engine(url, hide_parameters=True)
     except ImportError:
         raise InputError(
             "database: PostgreSQL needs pourcast's extra: pip install 'pourcast[postgresql]'"
@@ -60,7 +63,9 @@ def server_engine(url: sa.URL) -> sa.Engine:
 
 def file_engine(file: DatabaseFile) -> sa.Engine:
     """Connect to SQLite's file, so that nothing is lost."""
-    engine = sa.create_engine(sa.URL.create("sqlite", database=str(file.path)))
+    engine = sa.create_engine(
+        sa.URL.create("sqlite", database=str(file.path)), hide_parameters=True
+    )
 
     def connect(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -> None:
         arguments[:] = [file.uri]
@@ -84,10 +89,31 @@ def connection_engine(connection: sqlite3.Connection) -> sa.Engine:
     return engine
 
 
+def shown_url(url: sa.URL) -> str:
+    """A database's URL as it may be printed and logged: without passwords."""
+    hidden = {name: "hidden" for name in url.query if "password" in name.lower()}
+    return url.update_query_dict(hidden).render_as_string(hide_password=True)
+
+
+def has_password(url: str) -> bool:
+    """Whether a password stands in a database's URL."""
+    try:
+        parsed = sa.make_url(url)
+    except (sa.exc.ArgumentError, ValueError):
+        return False
+    return parsed.password is not None or any("password" in name.lower() for name in parsed.query)
+
+
 def error_text(error: BaseException) -> str:
-    """What the database said, in one line."""
+    """What the database said, in one line; not the values that it quotes, which are people's."""
     cause = getattr(error, "orig", None) or error
-    return " ".join(str(cause).split())
+    said = getattr(getattr(cause, "diag", None), "message_primary", None) or cause
+    return " ".join(str(said).split())
+
+
+def database_files(path: Path) -> list[Path]:
+    """The files that SQLite keeps a database in: its own, the write-ahead log and its index."""
+    return [path.with_name(path.name + end) for end in ("", "-wal", "-shm", "-journal")]
 
 
 def _begin(connection: sa.Connection) -> None:
@@ -110,6 +136,8 @@ def _set_sqlite_pragmas(connection: Any) -> None:
         "synchronous = FULL",
         "foreign_keys = ON",
         "secure_delete = ON",
+        # No copies of rows in the system's folder for temporary files.
+        "temp_store = MEMORY",
     ):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()

@@ -125,10 +125,8 @@ def keep_copy(connection: sqlite3.Connection, path: Path, version: int) -> Path:
         for number in ("", *(f"-{k}" for k in range(2, 1000)))
     )
     copy = next(name for name in names if not name.exists())
-    with replacing(copy) as temporary:
-        temporary.chmod(0o600)
-        with closing(sqlite3.connect(temporary)) as target:
-            connection.backup(target)
+    with replacing(copy, private=True) as temporary, closing(sqlite3.connect(temporary)) as target:
+        connection.backup(target)
     return copy
 
 

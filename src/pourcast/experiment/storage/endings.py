@@ -30,10 +30,13 @@ class Ending:
         The session; its state is that of now, whatever the page wished.
     missing
         Steps that a session lacks to be complete.
+    is_new
+        Whether it ended now, and not before.
     """
 
     session: Session
     missing: tuple[int, ...] = ()
+    is_new: bool = False
 
 
 def finish_session(connection: sa.Connection, token: str, state: str, tab: str) -> Ending | None:
@@ -58,4 +61,4 @@ def finish_session(connection: sa.Connection, token: str, state: str, tab: str) 
     elif state == DECLINED and saved:
         state = DECLINED_LATER
     end_session(connection, session.number, state)
-    return Ending(replace(session, state=state))
+    return Ending(replace(session, state=state), is_new=True)

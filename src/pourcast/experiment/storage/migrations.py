@@ -64,35 +64,42 @@ def migrate(connection: sa.Connection, version: int) -> None:
 
 def _name_sessions(operations: "Operations", connection: sa.Connection) -> None:
     """From 1 to 2: every session has a key, and no number is given out twice."""
-    if "key" not in {column["name"] for column in sa.inspect(connection).get_columns("sessions")}:
+    reached = _last_number(connection)
+    columns = {column["name"] for column in sa.inspect(connection).get_columns("sessions")}
+    if "key" not in columns:
         operations.add_column("sessions", sa.Column("key", sa.Text))
         for number in connection.scalars(sa.text("SELECT id FROM sessions")).all():
             connection.execute(
                 sa.text("UPDATE sessions SET key = :key WHERE id = :number"),
                 {"key": secrets.token_hex(16), "number": number},
             )
-        with operations.batch_alter_table("sessions") as sessions:
+    # SQLite counts on only in a table that was made so.
+    with operations.batch_alter_table(
+        "sessions",
+        recreate="always" if connection.dialect.name == "sqlite" else "never",
+        table_kwargs={"sqlite_autoincrement": True},
+    ) as sessions:
+        if "key" not in columns:
             sessions.alter_column("key", nullable=False)
             sessions.create_unique_constraint("sessions_key_key", ["key"])
-    if connection.dialect.name == "sqlite":
-        _count_on(operations, connection)
-
-
-def _count_on(operations: "Operations", connection: sa.Connection) -> None:
-    """Let SQLite never give out a session's number again, not even those of deleted ones."""
-    has_counters = sa.inspect(connection).has_table("sqlite_sequence")
-    last = "SELECT seq FROM sqlite_sequence WHERE name = 'sessions'"
-    reached = connection.scalar(sa.text(last)) if has_counters else None
-    with operations.batch_alter_table(
-        "sessions", recreate="always", table_kwargs={"sqlite_autoincrement": True}
-    ):
-        pass
     if reached is not None:
-        connection.execute(sa.text("DELETE FROM sqlite_sequence WHERE name = 'sessions'"))
-        connection.execute(
-            sa.text("INSERT INTO sqlite_sequence (name, seq) VALUES ('sessions', :seq)"),
-            {"seq": reached},
-        )
+        for statement in (
+            "DELETE FROM sqlite_sequence WHERE name = 'sessions'",
+            "INSERT INTO sqlite_sequence (name, seq) VALUES ('sessions', :seq)",
+        ):
+            connection.execute(sa.text(statement), {"seq": reached})
+
+
+def _last_number(connection: sa.Connection) -> int | None:
+    """The last number that SQLite gave to a session, be it deleted; None where nothing counts."""
+    if connection.dialect.name != "sqlite":
+        return None
+    counters = "SELECT count(*) FROM sqlite_master WHERE name = 'sqlite_sequence'"
+    if not connection.scalar(sa.text(counters)):
+        return None
+    last = "SELECT seq FROM sqlite_sequence WHERE name = 'sessions'"
+    number = connection.scalar(sa.text(last))
+    return None if number is None else int(number)
 
 
 def _count_visits(_: "Operations", connection: sa.Connection) -> None:

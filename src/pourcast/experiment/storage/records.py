@@ -8,7 +8,7 @@ The functions work in a transaction that `storage.Storage` opens.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import sqlalchemy as sa
@@ -47,12 +47,15 @@ class SaveResult:
         kept among the conflicts; `gone`: the session does not exist, or the token is none of it.
     superseded
         Another tab has the session now.
+    kept
+        Whether it was written now: new, or a conflict that had not come before.
     dropped
         The session was given up, and whoever has it goes on all the same.
     """
 
     status: Literal["new", "repeated", "conflict", "gone"]
     superseded: bool = False
+    kept: bool = field(default=False, compare=False)
     dropped: bool = False
 
 
@@ -73,12 +76,12 @@ def save_records(connection: sa.Connection, records: Sequence[Record]) -> list[S
         if key not in bodies:
             new.append(record)
             bodies[key] = record.body
-            results.append(SaveResult("new", superseded, dropped))
+            results.append(SaveResult("new", superseded, kept=True, dropped=dropped))
         elif bodies[key] == record.body:
-            results.append(SaveResult("repeated", superseded, dropped))
+            results.append(SaveResult("repeated", superseded, dropped=dropped))
         else:
-            _insert_conflict(connection, record)
-            results.append(SaveResult("conflict", superseded, dropped))
+            kept = _insert_conflict(connection, record)
+            results.append(SaveResult("conflict", superseded, kept=kept, dropped=dropped))
     if new:
         connection.execute(RECORDS.insert(), [_row(record) for record in new])
     # Those of a batch came together. A clock that is set back makes no session older.
@@ -160,7 +163,8 @@ def _bodies(connection: sa.Connection, records: Sequence[Record]) -> dict[tuple[
     return {(session, seq): body for session, seq, body in rows}
 
 
-def _insert_conflict(connection: sa.Connection, record: Record) -> None:
+def _insert_conflict(connection: sa.Connection, record: Record) -> bool:
+    """Keep a conflicting record aside, unless it is there already; returns whether it was kept."""
     digest = hashlib.sha256(record.body.encode()).hexdigest()
     digests = set(
         connection.scalars(
@@ -169,10 +173,12 @@ def _insert_conflict(connection: sa.Connection, record: Record) -> None:
             )
         )
     )
-    if digest not in digests and len(digests) < MAX_CONFLICTS:
-        row = _row(record)
-        del row["kind"]
-        connection.execute(CONFLICTS.insert().values(digest=digest, **row))
+    if digest in digests or len(digests) >= MAX_CONFLICTS:
+        return False
+    row = _row(record)
+    del row["kind"]
+    connection.execute(CONFLICTS.insert().values(digest=digest, **row))
+    return True
 
 
 def _row(record: Record) -> dict[str, Any]:

@@ -40,6 +40,8 @@ class Session:
     key
         Its name everywhere else, in the journal and in files: never another session's, even where
         numbers begin again in a new database.
+    request
+        Made up by the browser that began it: the same request gets the same session.
     participant
         Code of the participant, the same for the same platform id.
     entry
@@ -63,6 +65,7 @@ class Session:
 
     number: int
     key: str
+    request: str
     participant: str
     entry: str
     identifiers: Mapping[str, str]
@@ -262,7 +265,6 @@ def insert_session(
     now: float,
 ) -> int:
     """A new session in a given group and place; returns its number."""
-    content = [step.model_dump(exclude_defaults=True) | {"seq": step.seq} for step in steps]
     result = connection.execute(
         SESSIONS.insert().values(
             key=arrival.key or secrets.token_hex(16),
@@ -276,7 +278,7 @@ def insert_session(
             state=OPEN,
             tab=arrival.tab,
             code=_unused(connection, SESSIONS.c.code, lambda: secrets.token_hex(4).upper()),
-            plan=json.dumps(content, separators=(",", ":")),
+            plan=json.dumps(plan_content(steps), separators=(",", ":")),
             started=now,
             last_seen=now,
         )
@@ -284,6 +286,19 @@ def insert_session(
     key = result.inserted_primary_key
     assert key is not None
     return int(key[0])
+
+
+def plan_content(steps: Sequence[Step]) -> list[dict[str, Any]]:
+    """The steps of a session as JSON's types."""
+    return [step.model_dump(exclude_defaults=True) | {"seq": step.seq} for step in steps]
+
+
+def all_tokens(connection: sa.Connection) -> list[tuple[int, str]]:
+    """Session and digest of all tokens."""
+    rows = connection.execute(
+        sa.select(TOKENS.c.session, TOKENS.c.digest).order_by(TOKENS.c.session)
+    )
+    return [(row.session, row.digest) for row in rows]
 
 
 def claim_session(connection: sa.Connection, session: int, tab: str, now: float) -> None:
@@ -343,6 +358,7 @@ def _session(row: Mapping[Any, Any]) -> Session:
     return Session(
         number=row["id"],
         key=row["key"],
+        request=row["request"],
         participant=row["participant"],
         entry=row["entry"],
         identifiers=json.loads(row["identifiers"]),

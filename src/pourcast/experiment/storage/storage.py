@@ -3,10 +3,10 @@
 Every method is one transaction. A record is safe when `save` returns.
 """
 
-import secrets
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -15,11 +15,13 @@ from pourcast.errors import InputError, StoreError
 from pourcast.experiment.design.steps import Schedule, Step
 from pourcast.experiment.storage.database import (
     connection_engine,
+    database_files,
     database_url,
     error_text,
     file_engine,
     refuse_network_file_system,
     server_engine,
+    shown_url,
 )
 from pourcast.experiment.storage.database_file import (
     DatabaseFile,
@@ -29,7 +31,17 @@ from pourcast.experiment.storage.database_file import (
 )
 from pourcast.experiment.storage.endings import Ending, finish_session
 from pourcast.experiment.storage.failures import LOGGER
+from pourcast.experiment.storage.journal import NAME as JOURNAL
+from pourcast.experiment.storage.journal import journal_words
 from pourcast.experiment.storage.migrations import make_tables, migrate, schema_version
+from pourcast.experiment.storage.record_lines import (
+    Line,
+    head_line,
+    opening_line,
+    record_line,
+    state_line,
+    token_line,
+)
 from pourcast.experiment.storage.records import (
     Record,
     SaveResult,
@@ -55,6 +67,7 @@ from pourcast.experiment.storage.sessions import (
     Session,
     add_token,
     all_sessions,
+    all_tokens,
     begin_session,
     claim_session,
     drop_stale_sessions,
@@ -74,10 +87,9 @@ from pourcast.experiment.storage.visits import (
     note_browser,
     refusals,
 )
+from pourcast.experiment.storage.words import NAMES, kept_words, made_words
+from pourcast.files import keep_private
 from pourcast.study.folder import DATABASE, study_scenes
-
-_WORDS = ("secret", "admin")
-"""Random words of a database, made once."""
 
 
 class Storage:
@@ -90,6 +102,9 @@ class Storage:
     ----------
     url
         SQLAlchemy's URL of the database.
+    words
+        Called for the secrets of a new database, if it had any before; those that are not there
+        are made up.
 
     Raises
     ------
@@ -99,22 +114,37 @@ class Storage:
         If the database can't be reached.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, words: Callable[[], Mapping[str, str]] = dict) -> None:
         self.url = database_url(url)
+        self.shown_url = shown_url(self.url)
         self._file: DatabaseFile | None = None
         self._is_copy = False
         if self.url.get_backend_name() == "postgresql":
             self.engine = server_engine(self.url)
         else:
             self._open_file(Path(self.url.database or ""))
-        self._prepare_tables()
-        words = self._words()
-        self.secret, self.admin_token = bytes.fromhex(words["secret"]), words["admin"]
+        try:
+            self._prepare_tables()
+            self.words = self._secret_words(words)
+            """The database's secrets: what links, codes and names of media are made with."""
+        except BaseException:
+            self.close()
+            raise
 
     @classmethod
     def of_study(cls, study: Path, url: str | None = None) -> "Storage":
         """The study's database: the one given, or SQLite in its folder."""
-        return cls(url or f"sqlite:///{study / DATABASE}")
+        return cls(url or f"sqlite:///{study / DATABASE}", partial(journal_words, study / JOURNAL))
+
+    @property
+    def secret(self) -> bytes:
+        """What links, participants' codes and names of media are made with."""
+        return bytes.fromhex(self.words["secret"])
+
+    @property
+    def admin_token(self) -> str:
+        """The word that opens the admin page."""
+        return self.words["admin"]
 
     def close(self) -> None:
         """Close all connections."""
@@ -132,7 +162,7 @@ class Storage:
             secret = connection.scalar(sa.select(META.c.value).where(META.c.name == "secret"))
         if secret != self.secret.hex():
             raise StoreError(
-                f"{self.url.render_as_string()}: was replaced by another database while it was "
+                f"{self.shown_url}: was replaced by another database while it was "
                 "open; end the server and start it again"
             )
 
@@ -141,6 +171,8 @@ class Storage:
     def _open_file(self, path: Path) -> None:
         if can_be_written(path):
             refuse_network_file_system(path)
+            for file in database_files(path):
+                keep_private(file)
             self._file = DatabaseFile(path)
             self.engine = file_engine(self._file)
         else:
@@ -150,7 +182,7 @@ class Storage:
     def _prepare_tables(self) -> None:
         """Make tables where there are none, and bring older ones to ours."""
         with self._transaction() as connection:
-            version = schema_version(connection, self.url.render_as_string())
+            version = schema_version(connection, self.shown_url)
         if version is None:
             with self._transaction(writes=True) as connection:
                 make_tables(connection)
@@ -161,9 +193,7 @@ class Storage:
             with self._transaction(writes=True) as connection:
                 migrate(connection, version)
             if not self._is_copy:
-                LOGGER.warning(
-                    "%s: brought from schema %s to %s", self.url.render_as_string(), version, SCHEMA
-                )
+                LOGGER.warning("%s: brought from schema %s to %s", self.shown_url, version, SCHEMA)
 
     def _migrate_file(self, file: DatabaseFile, version: int) -> None:
         """Migrate SQLite's file, which nobody else may have open."""
@@ -191,19 +221,13 @@ class Storage:
             file.path, version, SCHEMA, kept.name,
         )  # fmt: skip
 
-    def _words(self) -> dict[str, str]:
-        """The database's random words; made when it is opened for the first time."""
-        query = sa.select(META.c.name, META.c.value).where(META.c.name.in_(_WORDS))
-        with self._transaction() as connection:
-            words = {row.name: row.value for row in connection.execute(query)}
-        missing = [name for name in _WORDS if name not in words]
-        if missing:
-            made = {name: secrets.token_hex(16) for name in missing}
-            with self._transaction(writes=True) as connection:
-                rows = [{"name": name, "value": value} for name, value in made.items()]
-                connection.execute(META.insert(), rows)
-            words |= made
-        return words
+    def _secret_words(self, former: Callable[[], Mapping[str, str]]) -> dict[str, str]:
+        with self._reading() as connection:
+            words = kept_words(connection)
+        if len(words) == len(NAMES):
+            return words
+        with self._transaction(writes=True) as connection:
+            return made_words(connection, former())
 
     # Transactions --------------------------------------------------------------------
 
@@ -222,7 +246,7 @@ class Storage:
                 if self._file is not None:
                     self._file.check(is_open=True)
         except sa.exc.SQLAlchemyError as error:
-            raise StoreError(f"{self.url.render_as_string()}: {error_text(error)}") from None
+            raise StoreError(f"{self.shown_url}: {error_text(error)}") from None
         if self._file is not None:
             self._file.check()
 
@@ -380,10 +404,10 @@ class Storage:
         with self._reading() as connection:
             return all_sessions(connection)
 
-    def session_numbers(self) -> set[int]:
-        """Numbers of all sessions."""
+    def session_keys(self) -> set[str]:
+        """Keys of all sessions."""
         with self._reading() as connection:
-            return set(connection.scalars(sa.select(SESSIONS.c.id)))
+            return set(connection.scalars(sa.select(SESSIONS.c.key)))
 
     # Records -------------------------------------------------------------------------
 
@@ -412,6 +436,26 @@ class Storage:
         """Records that came under a key that another one had, by session and step."""
         with self._reading() as connection:
             return all_conflicts(connection)
+
+    def journal_lines(self) -> list[Line]:
+        """All that the journal should have of this database."""
+        with self._reading() as connection:
+            sessions = {one.number: one for one in all_sessions(connection)}
+            records, conflicts = all_records(connection), all_conflicts(connection)
+            tokens = all_tokens(connection)
+        return [
+            head_line(self.words),
+            *(opening_line(one) for one in sessions.values()),
+            *(token_line(sessions[number].key, digest) for number, digest in tokens),
+            *(record_line(sessions[one.session], one) for one in records),
+            *(record_line(sessions[one.session], one, aside=True) for one in conflicts),
+            # Who was dropped is told by when they were last heard of.
+            *(
+                state_line(one.key, one.state)
+                for one in sessions.values()
+                if one.state not in (OPEN, DROPPED)
+            ),
+        ]
 
     # Visits ----------------------------------------------------------------------------
 
@@ -469,7 +513,7 @@ class Storage:
             self._alone("VACUUM", "PRAGMA wal_checkpoint(TRUNCATE)")
         except StoreError as error:
             raise StoreError(
-                f"{self.url.render_as_string()}: rows were deleted, but the file could not be "
+                f"{self.shown_url}: rows were deleted, but the file could not be "
                 f"written anew without them ({error})"
             ) from None
 

@@ -217,11 +217,17 @@ class Study {
     for (;;) {
       await this.sender.flushed();
       try {
-        const said = await this.transport.finish(session.token, end, this.outbox.of(session.token));
+        const entries = this.outbox.of(session.token);
+        const said = await this.transport.finish(session.token, end, entries, this.tab);
         if (!said.missing.length) {
           clearTimeout(patience);
+          if (said.state === "open" || said.state === "dropped") {
+            this.sayMoved(session); // another tab has it, and goes on
+            return;
+          }
           await this.outbox.forget(session.token);
-          this.farewell(session, end, { code: said.code ?? "", redirect: said.redirect ?? "" });
+          const way = { code: said.code ?? "", redirect: said.redirect ?? "" };
+          this.farewell(session, (said.state as End | undefined) ?? end, way);
           return;
         }
         this.sender.resend(session.token, said.missing);

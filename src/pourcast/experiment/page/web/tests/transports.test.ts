@@ -93,7 +93,7 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
     const transport = make().page();
     const { token } = await transport.begin("request-1", "tab");
     const entries = await saveAll(transport, token);
-    const ended = await transport.finish(token, "complete", entries);
+    const ended = await transport.finish(token, "complete", entries, "tab");
     expect(ended).toEqual({ missing: [], code: "DONE1", redirect: "https://app.example.org/?cc=DONE1" });
   });
 
@@ -101,17 +101,17 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
     const transport = make().page();
     const { token } = await transport.begin("request-1", "tab");
     const entries = await saveAll(transport, token, [1]);
-    const said = await transport.finish(token, "complete", entries);
+    const said = await transport.finish(token, "complete", entries, "tab");
     expect(new Set(said.missing)).toEqual(new Set([0, 2]));
     expect(said.code).toBeUndefined();
     entries.push(...(await saveAll(transport, token, [0, 2])));
-    expect(await transport.finish(token, "complete", entries)).toMatchObject({ missing: [], code: "DONE1" });
+    expect(await transport.finish(token, "complete", entries, "tab")).toMatchObject({ missing: [], code: "DONE1" });
   });
 
   it("ends a session of somebody who declined, without a code", async () => {
     const transport = make().page();
     const { token } = await transport.begin("request-1", "tab");
-    expect(await transport.finish(token, "declined", [])).toEqual({ missing: [], code: "", redirect: "" });
+    expect(await transport.finish(token, "declined", [], "tab")).toEqual({ missing: [], code: "", redirect: "" });
   });
 
   it("opens the file that a participant downloads", async () => {
@@ -165,13 +165,13 @@ describe("our server", () => {
     const { token } = await transport.begin("request-1", "tab-1");
     await transport.save(token, 1, { response: 0.5 }, "tab-1");
     await transport.resume(token, "tab-2");
-    await transport.finish(token, "screened_out");
+    await transport.finish(token, "screened_out", [], "tab-2");
     const asked = network.requests.map(({ method, url, content }) => ({ method, url, content }));
     expect(asked).toEqual([
       { method: "POST", url: "api/sessions", content: { request: "request-1", tab: "tab-1", link: LINK } },
       { method: "PUT", url: "api/session/records/1", content: { tab: "tab-1", body: { response: 0.5 } } },
       { method: "POST", url: "api/session/resume", content: { tab: "tab-2" } },
-      { method: "POST", url: "api/session/finish", content: { state: "screened_out" } },
+      { method: "POST", url: "api/session/finish", content: { state: "screened_out", tab: "tab-2" } },
     ]);
     const authorized = network.requests.map(({ headers }) => headers.get("Authorization"));
     expect(authorized).toEqual([null, ...Array<string>(3).fill(`Bearer ${token}`)]);

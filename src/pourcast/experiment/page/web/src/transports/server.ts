@@ -1,4 +1,5 @@
 /** Our own server, `experiment/server/app.py`. */
+import type { Entry } from "../outbox";
 import type { Body, End, Session } from "../types";
 import { isPassing, Refused, type Ended, type Transport } from "./transport";
 
@@ -19,8 +20,8 @@ export class ServerTransport implements Transport {
     return this.ask("PUT", `api/session/records/${seq}`, { tab, body }, token);
   }
 
-  finish(token: string, state: End): Promise<Ended> {
-    return this.ask("POST", "api/session/finish", { state }, token);
+  finish(token: string, state: End, _: Entry[], tab: string): Promise<Ended> {
+    return this.ask("POST", "api/session/finish", { state, tab }, token);
   }
 
   opening(session: Session): object {

@@ -19,7 +19,8 @@ export function isPassing(status: number): boolean {
   return status >= 500 || status === 408 || status === 429;
 }
 
-export type Ended = { missing: number[] } & Partial<Farewell>;
+/** `state` is that of the session where it is another than was asked for. */
+export type Ended = { missing: number[]; state?: string } & Partial<Farewell>;
 
 export interface Transport {
   begin(request: string, tab: string): Promise<Session>;
@@ -27,8 +28,11 @@ export interface Transport {
   resume(token: string, tab?: string): Promise<Session>;
   /** Resolves when the record is on the server's disk. */
   save(token: string, seq: number, body: Body, tab: string): Promise<{ superseded: boolean }>;
-  /** Ends the session, or names the steps that are missing; `entries` are all its records. */
-  finish(token: string, state: End, entries: Entry[]): Promise<Ended>;
+  /**
+   * Ends the session, or names the steps that are missing; `entries` are all its records. Only the
+   * tab that has the session can end it before it is complete.
+   */
+  finish(token: string, state: End, entries: Entry[], tab: string): Promise<Ended>;
   /** The line that says whose records follow, in the file that a participant downloads. */
   opening(session: Session): object;
   mediaUrl(name: string): string;
