@@ -1,6 +1,6 @@
 """Commands of the experiment with people: serve, status, data."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, closing
 from enum import StrEnum
 from pathlib import Path
@@ -118,6 +118,7 @@ def serve(
 
     require_extra("experiment")
     from pourcast.experiment.design.links import read_ids
+    from pourcast.experiment.design.services import prolific_settings
     from pourcast.experiment.design.settings import NAME
     from pourcast.experiment.server.addresses import Proxies
     from pourcast.experiment.server.process import Address, ExperimentServer
@@ -147,6 +148,7 @@ def serve(
                 f"responses: {storage.shown_url}"
             )
             if check:
+                _say(prolific_settings(experiment.design.recruiting, f"{address.base(port)}/"))
                 return
             server.run(print_links)
             saved = len(storage.records())
@@ -216,6 +218,9 @@ def data(
 
     Example: pourcast experiment data my-study --format psych-ds -o my-data
     """
+    if withdraw is not None and _database_is_lost(study, database):
+        _withdraw(study, None, withdraw)
+        return
     with _storage(study, database, must_exist=not import_files) as storage:
         if import_files:
             _import(study, storage, import_files)
@@ -261,15 +266,31 @@ def export(
         raise InputError("export: --datapipe goes with --static")
     with _storage(study, database, must_exist=False) as storage, progress_bar() as report:
         from pourcast.experiment.design.materials import prepare_materials
+        from pourcast.experiment.design.services import (
+            datapipe_settings,
+            jatos_settings,
+            prolific_settings,
+        )
         from pourcast.experiment.page.export import export_jatos, export_static
 
         materials = prepare_materials(study, storage.secret, report)
+    recruiting = materials.design.recruiting
     if jatos is not None:
         export_jatos(jatos, materials)
         typer.echo(f"{jatos}: import it in JATOS; its results come back by --import")
+        _say(prolific_settings(recruiting, "STUDY-LINK"))
+        _say(jatos_settings())
     if static is not None:
         export_static(static, materials, datapipe=datapipe)
         typer.echo(f"{static}: put it on a web host; index.html is the link")
+        _say(prolific_settings(recruiting, "https://YOUR-HOST/index.html"))
+        if datapipe:
+            _say(datapipe_settings(datapipe))
+
+
+def _say(lines: Iterable[str]) -> None:
+    for line in lines:
+        typer.echo(line)
 
 
 def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
@@ -299,10 +320,34 @@ def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
             )
 
 
-def _withdraw(study: Path, storage: "Storage", who: str) -> None:
+def _database_is_lost(study: Path, database: str | None) -> bool:
+    """Whether a study has a journal, and no database."""
+    from pourcast.experiment.storage.journal import NAME
+    from pourcast.study.folder import DATABASE, study_scenes
+
+    study_scenes(study)
+    return database is None and not (study / DATABASE).exists() and (study / NAME).exists()
+
+
+def _withdraw(study: Path, storage: "Storage | None", who: str) -> None:
+    from pourcast.comparison.compare import TABLES
+    from pourcast.errors import StoreError
     from pourcast.experiment.data.withdrawal import withdraw
     from pourcast.experiment.storage.journal import Journal
 
-    for line in withdraw(study, storage, Journal.of_study(study), who):
+    done = withdraw(study, storage, Journal.of_study(study), who, tables=TABLES)
+    for line in done.deleted:
         typer.echo(f"deleted: {line}")
-    typer.echo("tables that you wrote elsewhere are as they were; write them again")
+    for line in done.notes:
+        typer.echo(f"note: {line}")
+    typer.echo(
+        "outside of the study folder (backups, copies, JATOS, DataPipe and the OSF, the recruiting "
+        f"platform) look for: {', '.join(done.person.to_look_for)}"
+    )
+    for line in done.left:
+        typer.echo(f"left: {line}")
+    if done.left:
+        raise StoreError(
+            f"withdraw: {len(done.left)} things are left, named above; clean or delete them by "
+            "hand, and say the same command again"
+        )

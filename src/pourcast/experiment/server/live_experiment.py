@@ -118,9 +118,9 @@ class LiveExperiment:
         self._journal_identity = self._identity_of_journal()
         self._is_away = False
         self._visits = _Visits(sessions_per_address)
+        self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._allowed_ids = allowed_ids
         self._told_refusals: set[str] = set()
-        self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
         self._journal_retry = journal_retry
         self._waiting: asyncio.Queue[_Waiting] | None = None
@@ -322,7 +322,7 @@ class LiveExperiment:
             return
         self.journal.remove({session.key for session in sessions})
         self._journal_identity = self._identity_of_journal()
-        self.storage.delete({session.number for session in sessions}, vacuum=False)
+        self.storage.delete({session.number for session in sessions})
         self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------

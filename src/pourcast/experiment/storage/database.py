@@ -7,8 +7,9 @@ from typing import Any
 import psutil
 import sqlalchemy as sa
 
-from pourcast.errors import InputError
+from pourcast.errors import InputError, StoreError
 from pourcast.experiment.storage.database_file import DatabaseFile
+from pourcast.experiment.storage.schema import TABLES
 
 _NETWORK_FILE_SYSTEMS = frozenset(
     {
@@ -109,6 +110,26 @@ def error_text(error: BaseException) -> str:
     cause = getattr(error, "orig", None) or error
     said = getattr(getattr(cause, "diag", None), "message_primary", None) or cause
     return " ".join(str(said).split())
+
+
+def write_anew(connection: sa.Connection) -> None:
+    """Write all tables anew, so that nothing deleted stays in free pages or in SQLite's log.
+
+    Raises
+    ------
+    StoreError
+        If a program that reads the database holds SQLite's log up, for longer than `busy_timeout`.
+    sqlalchemy.exc.SQLAlchemyError
+        If the database can't be had alone for a moment.
+    """
+    if connection.dialect.name == "postgresql":
+        connection.exec_driver_sql("SET lock_timeout = '10s'")
+        for table in TABLES.sorted_tables:
+            connection.exec_driver_sql(f"VACUUM (FULL) {table.name}")
+        return
+    connection.exec_driver_sql("VACUUM")
+    if connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)").one()[0]:
+        raise StoreError("its write-ahead log is being read by another program")
 
 
 def database_files(path: Path) -> list[Path]:

@@ -22,6 +22,7 @@ from pourcast.experiment.storage.database import (
     refuse_network_file_system,
     server_engine,
     shown_url,
+    write_anew,
 )
 from pourcast.experiment.storage.database_file import (
     DatabaseFile,
@@ -476,15 +477,16 @@ class Storage:
 
     # All of it -----------------------------------------------------------------------
 
-    def delete(self, sessions: Iterable[int], *, vacuum: bool = True) -> dict[str, int]:
+    def delete(self, sessions: Iterable[int]) -> dict[str, int]:
         """Delete sessions and all that belongs to them; returns the rows deleted by table.
 
-        With `vacuum`, SQLite's file is written anew without them.
+        SQLite overwrites them with zeros (`secure_delete`), but for its write-ahead log; see
+        `write_anew`.
 
         Raises
         ------
         StoreError
-            If they could not be deleted, or the file not be written anew.
+            If they could not be deleted.
         """
         numbers = list(sessions)
         deleted = {}
@@ -498,33 +500,42 @@ class Storage:
             ):
                 result = connection.execute(table.delete().where(column.in_(numbers)))
                 deleted[table.name] = result.rowcount
-        if vacuum and self.url.get_backend_name() == "sqlite":
-            self._vacuum()
         return deleted
 
     def forget_log(self) -> None:
         """Take out of SQLite's write-ahead log what was deleted, as far as nobody reads it now."""
         if self._file is not None:
-            self._alone("PRAGMA wal_checkpoint(TRUNCATE)")
+            with self._alone() as connection:
+                connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
 
-    def _vacuum(self) -> None:
-        """Write SQLite's file anew, so that nothing deleted stays in free pages or in the log."""
+    def write_anew(self) -> None:
+        """Write the database's files anew, so that nothing deleted stays in them.
+
+        SQLite's write-ahead log is emptied; PostgreSQL's is its server's.
+
+        Raises
+        ------
+        StoreError
+            If another program that uses the database holds it up for too long.
+        """
         try:
-            self._alone("VACUUM", "PRAGMA wal_checkpoint(TRUNCATE)")
+            with self._alone() as connection:
+                write_anew(connection)
         except StoreError as error:
             raise StoreError(
-                f"{self.shown_url}: rows were deleted, but the file could not be "
-                f"written anew without them ({error})"
+                f"{self.shown_url}: rows were deleted, but the files could not be written anew "
+                f"without them ({error}); say it again when no other program has the database "
+                "open for long"
             ) from None
 
-    def _alone(self, *statements: str) -> None:
-        """Do what SQLite does in no transaction."""
+    @contextmanager
+    def _alone(self) -> Iterator[sa.Connection]:
+        """A connection without a transaction, for what is done in none."""
         try:
             with self.engine.connect().execution_options(
                 isolation_level="AUTOCOMMIT"
             ) as connection:
-                for statement in statements:
-                    connection.exec_driver_sql(statement)
+                yield connection
         except sa.exc.SQLAlchemyError as error:
             raise StoreError(error_text(error)) from None
 

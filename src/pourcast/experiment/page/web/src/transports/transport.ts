@@ -1,6 +1,7 @@
 /** Who keeps the records: our server, or (in the folders that are exported) somebody else. */
 import type { Entry } from "../outbox";
 import type { Body, End, Farewell, Session } from "../types";
+import type { Opening } from "./records";
 
 /** The answer was no; asking again is no use. */
 export class Refused extends Error {
@@ -12,11 +13,6 @@ export class Refused extends Error {
   ) {
     super(reason);
   }
-}
-
-/** Whether an answer of this status may be another one a moment later. */
-export function isPassing(status: number): boolean {
-  return status >= 500 || status === 408 || status === 429;
 }
 
 /** `state` is that of the session where it is another than was asked for. */
@@ -33,7 +29,7 @@ export interface Transport {
    * tab that has the session can end it before it is complete.
    */
   finish(token: string, state: End, entries: Entry[], tab: string): Promise<Ended>;
-  /** The line that says whose records follow, in the file that a participant downloads. */
-  opening(session: Session): object;
+  /** What says whose records follow, in the file that a participant downloads. */
+  opening(session: Session): Opening;
   mediaUrl(name: string): string;
 }
