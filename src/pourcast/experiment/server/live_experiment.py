@@ -174,7 +174,7 @@ class LiveExperiment:
         ids = {one for name, one in visitor.identifiers.items() if name in PERSONAL}
         is_platforms = visitor.entry in ("prolific", "mturk")
         if is_platforms and self._allowed_ids is not None and not ids <= self._allowed_ids:
-            await self._count_refusal("unlisted", ", ".join(ids))
+            await self._count_refusal("unlisted")
             raise Refusal("unlisted")
         arrival = Arrival(request, visitor.entry, visitor.identifiers, tab, visitor.participant)
 
@@ -221,15 +221,15 @@ class LiveExperiment:
         await self._count_refusal(UNFILLED, ", ".join(f"{k}={v}" for k, v in found.items()))
         raise Refusal(UNFILLED)
 
-    async def _count_refusal(self, reason: str, found: str) -> None:
-        """Count a refusal, and tell of the first one."""
+    async def _count_refusal(self, reason: str, found: str = "") -> None:
+        """Count a refusal, and tell of the first one: without ids, which are for no log."""
         await self._call(lambda: self.storage.count_refusal(reason))
         if reason not in self._told_refusals:
             self._told_refusals.add(reason)
             LOGGER.warning(
-                "a visitor was refused, %s (%.100r); `pourcast experiment status` counts them",
+                "a visitor was refused, %s%s; `pourcast experiment status` counts them",
                 REFUSED_BECAUSE[reason],
-                found,
+                f" (found {found[:100]!r})" if found else "",
             )
 
     async def resume(self, token: str, tab: str | None) -> Session:
