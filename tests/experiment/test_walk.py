@@ -49,17 +49,17 @@ HEARD, REQUEST_LOST, ANSWER_LOST = "heard", "the request is lost", "the answer i
 
 def _fate(number):
     """What becomes of a request: mostly it is answered; else it, its answer or the server dies."""
-    if number < 30:
+    if number < 70:
         return HEARD
-    if number < 36:
+    if number < 77:
         return REQUEST_LOST
-    if number < 42:
+    if number < 84:
         return ANSWER_LOST
-    return AT_THE_ANSWER if number < 45 else number - 44
+    return AT_THE_ANSWER if number == 84 else number - 84
 
 
-FATES = st.integers(0, 64).map(_fate)
-DEATHS = st.sampled_from([None] * 4) | st.integers(1, 60)
+FATES = st.integers(0, 110).map(_fate)
+DEATHS = st.sampled_from([None] * 3) | st.integers(1, 60)
 PEOPLE = st.integers(0, 9)
 
 
@@ -75,6 +75,7 @@ class Browser:
     steps: list = field(default_factory=list)
     outbox: dict = field(default_factory=dict)
     saved: set = field(default_factory=set)
+    refusals: int = 0
 
     @property
     def tab(self):
@@ -106,7 +107,10 @@ class Walk(RuleBasedStateMachine):
         """The last look at it."""
         try:
             self.oracle.check()
+            self.oracle.check_nothing_is_left()
         finally:
+            self.tally.update(self.oracle.seen)
+            self.tally["starts"] += self.world.starts
             self.resources.close()
 
     # People --------------------------------------------------------------------------
@@ -136,11 +140,19 @@ class Walk(RuleBasedStateMachine):
     @initialize(kinds=st.lists(KINDS.filter(lambda k: k != "twin"), min_size=3, max_size=10))
     def people_come(self, kinds):
         self.browsers = [self._browser(kind, 0) for kind in kinds]
-        for browser in self.browsers[:2]:
+        for browser in self.browsers:
             self._begin(browser, HEARD)
 
     def _of(self, number):
-        return self.browsers[number % len(self.browsers)]
+        """Somebody who takes part; who is told that they don't makes room for another."""
+        slot = number % len(self.browsers)
+        browser = self.browsers[slot]
+        if browser.refusals > 1:
+            kinds = ("prolific", "lab", "named", "preview")
+            browser = self.browsers[slot] = self._browser(kinds[self.counts["browser"] % 4], 0)
+        if not browser.token:
+            self._begin(browser, HEARD)
+        return browser
 
     # Requests ------------------------------------------------------------------------
 
@@ -171,7 +183,13 @@ class Walk(RuleBasedStateMachine):
 
     def _post(self, browser, what, content, fate):
         path = f"/api/session/{what}"
-        return self._send([Request(what, "POST", path, content, browser.token)], fate)[0]
+        [told] = self._send([Request(what, "POST", path, content, browser.token)], fate)
+        browser.refusals += told is not None and told.status == 401
+        return told
+
+    def _finish(self, browser, state, fate, tab=None):
+        if browser.token:
+            self._post(browser, "finish", {"state": state, "tab": tab or browser.tab}, fate)
 
     def _record(self, browser, seq, body, tab=None):
         content = {"tab": tab or browser.tab, "body": body}
@@ -179,8 +197,12 @@ class Walk(RuleBasedStateMachine):
 
     def _put(self, browser, seq, body, fate, tab=None):
         [told] = self._send([self._record(browser, seq, body, tab)], fate)
+        self._hear(browser, seq, told)
+
+    def _hear(self, browser, seq, told):
         if told is not None and told.status == 200:
             browser.saved.add(seq)
+        browser.refusals += told is not None and told.status == 401
 
     def _new_body(self, browser, seq):
         """An answer that nobody else gives, nor anybody again."""
@@ -200,24 +222,27 @@ class Walk(RuleBasedStateMachine):
 
     @rule(who=PEOPLE, fate=FATES)
     def begin(self, who, fate):
-        self._begin(self._of(who), fate)
+        self._begin(self.browsers[who % len(self.browsers)], fate)
 
     @rule(who=PEOPLE, kind=KINDS, other=PEOPLE)
     def another_person_comes(self, who, kind, other):
         self.browsers[who % len(self.browsers)] = self._browser(kind, other)
         self._begin(self._of(who), HEARD)
 
-    @rule(who=PEOPLE, fate=FATES)
-    def answer_next(self, who, fate):
+    @rule(who=PEOPLE, fates=st.lists(FATES, min_size=1, max_size=4))
+    def answer_next(self, who, fates):
         browser = self._of(who)
-        if browser.steps:
+        for fate in fates if browser.steps else []:
             self._put(browser, *self._next(browser), fate)
 
     @rule(who=PEOPLE)
     def answer_all(self, who):
         browser = self._of(who)
+        if browser.refusals:
+            return
         for _ in range(len(browser.steps) - len(browser.saved)):
             self._put(browser, *self._next(browser), HEARD)
+        self._finish(browser, COMPLETE, HEARD)
 
     @rule(who=PEOPLE, which=st.integers(0, 20), same=st.booleans(), fate=FATES)
     def answer_again(self, who, which, same, fate):
@@ -234,8 +259,7 @@ class Walk(RuleBasedStateMachine):
         fate = HEARD if fate == AT_THE_ANSWER else fate
         heard = self._send([self._record(*one) for one in answers], fate)
         for (browser, seq, _), told in zip(answers, heard, strict=True):
-            if told is not None and told.status == 200:
-                browser.saved.add(seq)
+            self._hear(browser, seq, told)
 
     @rule(who=PEOPLE, new_tab=st.booleans(), fate=FATES)
     def reload(self, who, new_tab, fate):
@@ -259,27 +283,28 @@ class Walk(RuleBasedStateMachine):
             tabs = [*browser.tabs, f"{browser.tabs[0]}-never-claimed"]
             self._put(browser, *self._next(browser), fate, tabs[tab % len(tabs)])
 
-    @rule(
-        who=PEOPLE, state=st.sampled_from(["declined", "screened_out", "failed_check"]), fate=FATES
-    )
+    ENDS = st.sampled_from(["declined", "screened_out", "failed_check", COMPLETE])
+
+    @rule(who=PEOPLE, state=ENDS, fate=FATES)
     def leave(self, who, state, fate):
+        self._finish(self._of(who), state, fate)
+
+    @rule(who=PEOPLE, state=ENDS, fate=FATES, tab=st.integers(0, 3))
+    def a_forgotten_tab_leaves(self, who, state, fate, tab):
         browser = self._of(who)
-        if browser.token:
-            self._post(browser, "finish", {"state": state}, fate)
+        self._finish(browser, state, fate, browser.tabs[tab % len(browser.tabs)])
 
     @rule(who=PEOPLE, kind=KINDS, other=PEOPLE, fate=FATES)
     def decline(self, who, kind, other, fate):
         browser = self._browser(kind, other)
         self.browsers[who % len(self.browsers)] = browser
         self._begin(browser, HEARD)
-        if browser.token:
-            self._post(browser, "finish", {"state": "declined"}, fate)
+        self._finish(browser, "declined", fate)
+        self.oracle.check_nothing_is_left()
 
     @rule(who=PEOPLE, fate=FATES)
     def complete(self, who, fate):
-        browser = self._of(who)
-        if browser.token:
-            self._post(browser, "finish", {"state": COMPLETE}, fate)
+        self._finish(self._of(who), COMPLETE, fate)
 
     @precondition(lambda self: self.sent)
     @rule(which=st.integers(0, 1000), later=st.sampled_from([0.0, 0.0, GAP / 2, 5 * HOUR]))
@@ -307,6 +332,7 @@ class Walk(RuleBasedStateMachine):
         for one in same if not by_code else [kept]:
             if done or one.key not in there:
                 self.oracle.died(one)
+        self.oracle.check_nothing_is_left()
 
     @rule(who=PEOPLE)
     def import_file(self, who):
@@ -335,6 +361,7 @@ class Walk(RuleBasedStateMachine):
     @rule()
     def kill(self):
         self.world.kill()
+        self.oracle.check_nothing_is_left()
 
     @rule()
     def restart(self):

@@ -12,7 +12,7 @@ import pandas as pd
 
 from pourcast.experiment.data.tables import participants_table, trials_table
 
-OPEN, COMPLETE, DROPPED = "open", "complete", "dropped"
+OPEN, COMPLETE, DROPPED, DECLINED_LATER = "open", "complete", "dropped", "declined_later"
 RECRUITED = ("lab", "prolific")
 MOST_CONFLICTS = 20
 
@@ -87,6 +87,7 @@ class Oracle:
 
     def __init__(self, world, largest_gap):
         self.world, self.largest_gap = world, largest_gap
+        self.seen: Counter[str] = Counter()
         self.alive: dict[str, Kept] = {}
         self.dead: dict[str, Kept] = {}
         self.tokens: dict[str, str] = {}
@@ -112,6 +113,7 @@ class Oracle:
     def answered(self, request, answer):
         """A request was answered: it must be the right answer, and is remembered."""
         assert answer.status < 500, (request, answer)
+        self.seen[f"{request.what} {answer.status}"] += 1
         if request.what == "begin":
             self._began(request, answer)
             return
@@ -187,11 +189,13 @@ class Oracle:
         assert answer.status == 200, (request, answer)
         said = answer.said
         assert said["saved"] == self._keep(kept, request.seq, request.content["body"])
-        assert said["superseded"] == (request.content["tab"] != kept.tab)
+        if kept.state in (OPEN, DROPPED):
+            assert said["superseded"] == (request.content["tab"] != kept.tab)
         self._heard_of(kept)
 
     def _keep(self, kept, seq, body):
         """Remember a record; what it is called."""
+        self.seen["records"] += seq not in kept.records
         if seq not in kept.records:
             kept.records[seq] = body
             return "new"
@@ -203,24 +207,33 @@ class Oracle:
         return "conflict"
 
     def _finished(self, kept, request, answer):
+        assert answer.status == 200, (request, answer)
+        said, state = answer.said, request.content["state"]
+        self._end(kept, request)
+        if kept.key in self.dead:
+            return
+        ended = kept.state not in (OPEN, DROPPED)
+        assert said["missing"] == (kept.missing if state == COMPLETE and not ended else [])
+        told = said.get("code", "")
+        assert told == (kept.code if kept.state == COMPLETE and kept.entry != "lab" else "")
+
+    def _end(self, kept, request):
+        """End a session as a page wishes, if it can."""
         state = request.content["state"]
-        if state == "declined" and not kept.records and kept.state in (OPEN, DROPPED):
-            assert answer.status == 200, (request, answer)
-            self.died(kept)
-            return
+        if kept.state not in (OPEN, DROPPED):
+            return  # what has ended stays as it is
         if state == COMPLETE:
-            assert answer.status == 200, (request, answer)
-            said = answer.said
-            assert said["missing"] == kept.missing
             if not kept.missing:
-                kept.may_be = {COMPLETE}
-                if kept.state in (OPEN, DROPPED):
-                    kept.state, kept.may_be = COMPLETE, set()
-            return
-        # A page that was forgotten deletes nothing, and undoes nothing.
-        if state != "declined" and kept.state in (OPEN, DROPPED):
-            assert answer.status == 200, (request, answer)
-            kept.may_be = {state}
+                self.seen[f"{kept.state} to complete"] += 1
+                kept.state = COMPLETE
+        elif request.content["tab"] != kept.tab:
+            pass  # a tab that was forgotten ends nothing
+        elif state != "declined":
+            kept.state = state
+        elif kept.records:
+            kept.state = DECLINED_LATER  # and nothing is deleted
+        else:
+            self.died(kept)
 
     def imported(self, kept, bodies, summary):
         """A person's file was taken in."""
@@ -228,11 +241,12 @@ class Oracle:
         assert (summary.new, summary.repeated, summary.conflicts) == tuple(
             said[name] for name in ("new", "repeated", "conflict")
         )
-        if not kept.missing:
-            kept.may_be = {COMPLETE}
+        if not kept.missing and kept.state in (OPEN, DROPPED):
+            kept.state = COMPLETE
 
     def died(self, kept):
         """Somebody declined, or was withdrawn."""
+        self.seen["gone"] += 1
         del self.alive[kept.key]
         self.dead[kept.key] = kept
 
@@ -248,12 +262,12 @@ class Oracle:
             kept = self.alive.get(self.tokens.get(request.token, ""))
             if kept is None:
                 continue
-            if request.what == "finish" and request.content["state"] == "declined":
-                if kept.key not in sessions and not kept.records:
-                    self.died(kept)
-            elif request.what == "finish":
-                if request.content["state"] != COMPLETE or not kept.missing:
-                    kept.may_be |= {request.content["state"]} - {kept.state}
+            if request.what == "finish":
+                done = sessions.get(kept.key)
+                if done is None or done.state == request.content["state"].replace(
+                    "declined", DECLINED_LATER
+                ):
+                    self._end(kept, request)
             elif request.what == "resume":
                 self._settle_tab(kept, request, sessions)
         self._settle_records([one for one in requests if one.what == "save"])
@@ -315,6 +329,8 @@ class Oracle:
         assert session.state == kept.state or session.state in self._allowed(kept), (
             f"{kept.key} is {session.state}, and was {kept.state}"
         )
+        if session.state != kept.state:
+            self.seen[f"{kept.state} to {session.state}"] += 1
         kept.state, kept.may_be = session.state, set()
         if kept.number is None:
             assert session.number not in self.numbers, "a number was given out again"
@@ -369,14 +385,16 @@ class Oracle:
     def _check_journal(self):
         """The journal has what the database has, each line once."""
         numbers = {kept.number: kept.key for kept in self.alive.values()}
-        lines = list(self.world.experiment.journal.lines())
+        lines = [line for line in self.world.experiment.journal.lines() if line.get("seq", -1) >= 0]
         there = Counter(
-            (numbers[line["session"]], line["seq"], line["body"].get("rt")) for line in lines
+            (numbers.get(line["session"], line["session"]), line["seq"], line["body"]["rt"])
+            for line in lines
+            if not line.get("aside")
         )
         assert there == Counter(
-            (kept.key, seq, rt)
+            (kept.key, seq, body["rt"])
             for kept in self.alive.values()
-            for seq, rt in [(-1, None), *((seq, body["rt"]) for seq, body in kept.records.items())]
+            for seq, body in kept.records.items()
         )
 
     def _check_tables(self, storage):
@@ -387,7 +405,7 @@ class Oracle:
         assert found == Counter(
             row for kept in self.alive.values() for row in self._trial_rows(kept)
         )
-        people = participants_table(storage, preview=True, identifiers=True)
+        people = participants_table(storage, preview=True)
         columns = ["participant", "session", "entry", "state", "group", "order", "practice_trials",
                    "test_trials", "kept_aside", "remarks", "code"]  # fmt: skip
         found = Counter(people[columns].itertuples(index=False, name=None))

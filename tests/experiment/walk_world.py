@@ -19,6 +19,7 @@ import sqlalchemy as sa
 from pourcast.experiment.data.record_import import import_records
 from pourcast.experiment.data.withdrawal import withdraw
 from pourcast.experiment.server.app import create_app
+from pourcast.experiment.server.clock import RunningClock
 from pourcast.experiment.server.live_experiment import LiveExperiment
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.storage import Storage
@@ -45,7 +46,11 @@ class Clock:
         self.elapsed = 0.0
         self._set = 1_700_000_000.0
 
-    def __call__(self) -> float:
+    def even(self) -> float:
+        """Seconds since some moment, that nobody sets."""
+        return self.elapsed
+
+    def wall(self) -> float:
         """Seconds since 1970, as the machine believes."""
         return self._set + self.elapsed
 
@@ -119,7 +124,10 @@ class World:
         threading.setprofile(self._count)  # of threads that begin from now on
         self.storage = self._opened()
         self.experiment = LiveExperiment(
-            self.study, self.storage, clock=self.clock, sessions_per_address=10**6
+            self.study,
+            self.storage,
+            clock=RunningClock(self.clock.wall, self.clock.even),
+            sessions_per_address=10**6,
         )
         self.app = create_app(self.experiment)
         self._loop = asyncio.new_event_loop()
@@ -203,7 +211,7 @@ class World:
         def work():
             with self.other_process() as (storage, journal):
                 steps = self.experiment.materials.steps
-                summary = import_records(path, storage, journal, steps, self.clock())
+                summary = import_records(path, storage, journal, steps, self.clock.wall())
             return None if self._dead else summary
 
         with self._counted_here():
