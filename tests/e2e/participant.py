@@ -25,10 +25,11 @@ class Participant:
     Answers are by the step's number, as the database has them.
     """
 
-    def __init__(self, browser, link, **context):
+    def __init__(self, browser, link, *, script="", **context):
         self.context = browser.new_context(
             **({"viewport": {"width": 1280, "height": 720}} | context)
         )
+        self.context.add_init_script(script)  # runs before any of the page's
         self.link = link
         self.answers = []
         self.complaints = []

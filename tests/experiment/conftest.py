@@ -100,6 +100,7 @@ class Api:
         )
 
     def post(self, told, what, **content):
+        content |= {"tab": content.get("tab", "tab-00000001")} if what == "finish" else {}
         return self.client.post(
             f"/api/session/{what}",
             json=content,

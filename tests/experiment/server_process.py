@@ -23,10 +23,10 @@ def free_port():
 class ServerProcess:
     """`pourcast experiment serve`, started, killed and started again."""
 
-    def __init__(self, study, *options):
+    def __init__(self, study, *options, run=("-m", "pourcast")):
         self.port = free_port()
         self.command = [
-            sys.executable, "-m", "pourcast", "experiment", "serve", str(study),
+            sys.executable, *run, "experiment", "serve", str(study),
             *options, "--sessions-per-address", "1000", "--port", str(self.port),
         ]  # fmt: skip
         self.start()
@@ -60,6 +60,44 @@ class ServerProcess:
     def __exit__(self, *_):
         if self.process.poll() is None:
             self.stop()
+
+
+class Asker:
+    """What a page asks of a server, once, and what it is told: status and content."""
+
+    def __init__(self, server):
+        self.port, self.key = server.port, server.lab.rpartition("=")[2]
+
+    def ask(self, method, path, content, token=""):
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        try:
+            connection.request(
+                method, path, json.dumps(content),
+                {"Content-Type": "application/json", "Authorization": f"Bearer {token}"},
+            )  # fmt: skip
+            response = connection.getresponse()
+            text = response.read()
+            is_json = response.headers.get_content_type() == "application/json"
+            return response.status, json.loads(text) if is_json else text.decode()
+        finally:
+            connection.close()
+
+    def begin(self, request, tab="tab-00000001", link=None):
+        content = {"request": request, "tab": tab, "link": link or {"lab": self.key}}
+        status, told = self.ask("POST", "/api/sessions", content)
+        assert status == 201, told
+        return told
+
+    def put(self, told, seq, body, tab="tab-00000001"):
+        content = {"tab": tab, "body": body}
+        return self.ask("PUT", f"/api/session/records/{seq}", content, told["token"])
+
+    def resume(self, told, tab="tab-00000001"):
+        return self.ask("POST", "/api/session/resume", {"tab": tab}, told["token"])
+
+    def finish(self, told, state, tab="tab-00000001"):
+        content = {"state": state, "tab": tab}
+        return self.ask("POST", "/api/session/finish", content, told["token"])
 
 
 class Sturdy(threading.Thread):

@@ -43,6 +43,8 @@ def test_a_check_makes_the_stimuli_and_the_design_and_stops(tmp_path, capsys):
     assert call("serve", study, "--check") == 0
     said = capsys.readouterr().out
     assert "6 scenes, 0 practice trials, groups: water | honey" in said
+    assert "Prolific: study link http://127.0.0.1:8000/?PROLIFIC_PID={{%PROLIFIC_PID%}}&" in said
+    assert "Prolific: no code for who completes" in said
     assert (study / "experiment.toml").is_file()
 
 

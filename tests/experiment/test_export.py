@@ -49,6 +49,33 @@ def test_a_jatos_archive_is_as_jatos_reads_it(tmp_path):
     assert len(plan["places"]) == 24
 
 
+CODES = (
+    EXP1
+    + '[recruiting]\ncomplete = "C1"\nscreened_out = "S1"\nredirect = "https://a.example/{code}"\n'
+)
+IDS = "PROLIFIC_PID={{%PROLIFIC_PID%}}&STUDY_ID={{%STUDY_ID%}}&SESSION_ID={{%SESSION_ID%}}"
+
+
+def test_what_to_set_on_the_services_side_is_said(tmp_path, capsys):
+    study = small_study(tmp_path / "s", design=CODES)
+    assert call(study, "--static", tmp_path / "web", "--datapipe", "ABC123") == 0
+    said = capsys.readouterr().out
+    assert 'https://pipe.jspsych.org/admin/ABC123 > "Enable data collection": on' in said
+    assert "required field trial_type" in said
+    assert f"study link https://YOUR-HOST/index.html?{IDS}" in said
+    assert "completion path with the code C1, for who completes" in said
+    assert "completion path with the code S1, for whose screen is too small" in said
+    assert "no code for who fails the questions" in said
+    assert "no way back" not in said
+    assert call(study, "--static", tmp_path / "without") == 0
+    assert "DataPipe" not in capsys.readouterr().out
+    assert call(small_study(tmp_path / "bare"), "--jatos", tmp_path / "a.jzip") == 0
+    said = capsys.readouterr().out
+    assert f"study link STUDY-LINK?{IDS}" in said
+    assert "no way back" in said
+    assert '"End Redirect URL" is not used' in said
+
+
 def test_the_same_study_makes_the_same_archive(tmp_path):
     study = small_study(tmp_path / "s")
     call(study, "--jatos", tmp_path / "a.jzip")

@@ -39,7 +39,7 @@ def test_an_answer_is_given_when_the_record_is_in_the_database(api):
     told = api.begin().json()
     assert api.put(told, 3, judgment()).json() == {"saved": "new", "superseded": False}
     assert [record.seq for record in api.storage.records()] == [3]
-    assert [line["seq"] for line in api.experiment.journal.lines()] == [-1, 3]
+    assert lines(api) == [(1, -1), (1, 3)]
 
 
 def test_the_same_post_twice_is_one_record_and_another_is_kept_aside(api):
@@ -81,15 +81,56 @@ def test_looking_takes_the_session_from_nobody_and_beginning_again_does(api):
     assert not api.put(again, 2, answer("instructions"), tab="tab-00000002").json()["superseded"]
 
 
-def test_who_was_away_for_too_long_cannot_go_on_but_loses_nothing(api):
+def test_who_was_away_for_too_long_goes_on_if_the_design_can_hold_it(api):
+    told = api.begin().json()
+    api.put(told, 0, answer("consent"))
+    api.clock.now += 7201.0
+    other = api.begin("request-2").json()
+    states = {one.number: one.state for one in api.storage.sessions()}
+    assert states == {1: "dropped", 2: "open"}
+    assert api.storage.sessions()[0].place == api.storage.sessions()[1].place
+    assert api.post(told, "resume", tab="tab-00000002").json()["done"] == [0]
+    assert {one.state for one in api.storage.sessions()} == {"open"}
+    assert api.run(told)["missing"] == api.run(other)["missing"] == []
+
+
+def test_who_was_away_goes_on_without_a_reload(api):
     told = api.begin().json()
     api.clock.now += 7201.0
-    said = api.post(told, "resume", tab="tab-00000002")
-    assert said.status_code == 410
-    assert said.json()["refused"] == "late"
-    assert "too long" in said.json()["text"]
-    # What the browser still had is taken all the same.
-    assert api.put(told, 3, judgment()).json()["saved"] == "new"
+    api.begin("request-2")
+    assert api.storage.sessions()[0].state == "dropped"
+    # What another tab still had to send is no sign that somebody came back.
+    api.put(told, 0, answer("consent"), tab="tab-00000002")
+    assert api.storage.sessions()[0].state == "dropped"
+    api.put(told, 1, answer("check"))
+    assert api.storage.sessions()[0].state == "open"
+
+
+def test_who_was_away_is_late_only_where_somebody_else_has_the_place(tmp_path):
+    link = {"PROLIFIC_PID": "5f0", "STUDY_ID": "s", "SESSION_ID": "t"}
+    with api_of(small_study(tmp_path, design=f"places = 1\n{EXP1}")) as api:
+        told = api.begin(link=link).json()
+        api.clock.now += 7201.0
+        # Nobody else came.
+        assert api.begin("request-2", link=link).json()["key"] == told["key"]
+        api.clock.now += 7201.0
+        other = api.begin("request-3").json()
+        said = [
+            api.post(told, "resume", tab="tab-00000002"),
+            api.post(told, "resume"),
+            api.begin(link=link),
+            api.begin("request-4", link=link),
+        ]
+        assert [one.status_code for one in said] == [410] * 4
+        assert {one.json()["refused"] for one in said} == {"late"}
+        assert "too long" in said[0].json()["text"]
+        # What the browser still had is taken all the same, and stays.
+        assert api.put(told, 3, judgment()).json()["saved"] == "new"
+        assert [one.state for one in api.storage.sessions()] == ["dropped", "open"]
+        assert api.post(other, "resume").status_code == 200
+        # The place is free again.
+        api.post(other, "finish", state="screened_out")
+        assert api.post(told, "resume", tab="tab-00000002").json()["done"] == [3]
 
 
 def test_a_clock_set_back_by_a_day_changes_nothing(api):
@@ -104,7 +145,7 @@ def test_who_declines_leaves_nothing_behind(api):
     told = api.begin().json()
     assert api.post(told, "finish", state="declined").json()["missing"] == []
     assert api.storage.sessions() == api.storage.records() == []
-    assert list(api.experiment.journal.lines()) == []
+    assert lines(api) == []
 
 
 def test_who_declines_twice_as_the_first_answer_was_lost_is_told_the_same(api):
@@ -255,12 +296,18 @@ def test_what_cannot_be_saved_is_not_acknowledged(api, monkeypatch):
     assert api.put(told, 0, answer("consent")).json()["saved"] == "new"
 
 
-def full(*_):
+def full(*_, **__):
     raise OSError(28, "No space left on device")
 
 
 def lines(api):
-    return [(line["session"], line["seq"]) for line in api.experiment.journal.lines()]
+    """Session's number and step of the journal's lines; -1 for a line that opens a session."""
+    numbers = {one.key: one.number for one in api.storage.sessions()}
+    return [
+        (numbers[line["session"]], line.get("seq", -1))
+        for line in api.experiment.journal.lines()
+        if "session" in line and "token" not in line
+    ]
 
 
 def admin_page(api):
@@ -296,7 +343,7 @@ def test_what_the_journal_never_took_is_told_of_at_the_end_and_appended_at_the_n
         patched.setattr(journal_module.os, "write", full)
         with api_of(study) as api:
             api.put(api.begin().json(), 0, answer("consent"))
-        assert "2 records are in the database alone; the next start appends them" in caplog.text
+        assert "3 records are in the database alone; the next start appends them" in caplog.text
     with api_of(study) as api:
         assert lines(api) == [(1, -1), (1, 0)]
 
@@ -343,7 +390,6 @@ def test_declining_is_tried_again_until_the_journal_has_nothing_left(api, monkey
 
 def test_a_deleted_sessions_token_opens_nobody_elses(api):
     declined = api.begin().json()
-    api.put(declined, 0, answer("consent"))
     api.post(declined, "finish", state="declined")
     other = api.begin("request-2").json()
     assert api.put(declined, 1, answer("check")).status_code == 401
@@ -473,6 +519,6 @@ def test_a_server_that_starts_again_knows_everybody(tmp_path):
     # A crash between the commit and the journal.
     journal.write_text(journal.read_text().splitlines(keepends=True)[0])
     with api_of(study) as api:
-        assert [line["seq"] for line in api.experiment.journal.lines()] == [-1, 0]
+        assert lines(api) == [(1, -1), (1, 0)]
         assert api.post(told, "resume", tab="tab-00000002").json()["done"] == [0]
         assert api.run(told)["missing"] == []

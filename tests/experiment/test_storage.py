@@ -245,8 +245,9 @@ def test_a_file_that_cannot_be_written_anew_after_a_deletion_is_told_of(tmp_path
     def full(connection, statement):
         raise sa.exc.OperationalError(statement, None, Exception("disk is full"))
 
+    storage.delete([session.number])
     monkeypatch.setattr(sa.Connection, "exec_driver_sql", full)
     with pytest.raises(StoreError, match=r"rows were deleted, but .* anew .*\(disk is full\)"):
-        storage.delete([session.number])
+        storage.write_anew()
     assert storage.sessions() == []
     storage.close()

@@ -1,6 +1,6 @@
 """Commands of the experiment with people: serve, status, data."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, closing
 from enum import StrEnum
 from pathlib import Path
@@ -24,10 +24,31 @@ class DataFormat(StrEnum):
     PSYCH_DS = "psych-ds"
 
 
+def _tell_of_password(
+    context: typer.Context, parameter: typer.CallbackParam, url: str | None
+) -> str | None:
+    """Say that a password on the command line can be read by others."""
+    source = context.get_parameter_source(parameter.name or "")
+    if url is None or source is None or source.name != "COMMANDLINE":
+        return url
+    from pourcast.extras import require_extra
+
+    require_extra("experiment")
+    from pourcast.experiment.storage.database import has_password
+
+    if has_password(url):
+        typer.echo(
+            "note: others on this computer can read the password in the list of processes; put "
+            "the URL into the variable POURCAST_DATABASE, or the password into ~/.pgpass",
+            err=True,
+        )
+    return url
+
+
 DatabaseOption = Annotated[
     str | None,
     typer.Option(
-        metavar="URL", envvar="POURCAST_DATABASE",
+        metavar="URL", envvar="POURCAST_DATABASE", callback=_tell_of_password,
         help="Database, such as postgresql://user@host/name [SQLite in the study folder].",
     ),
 ]  # fmt: skip
@@ -81,6 +102,7 @@ def serve(
     from pourcast.extras import require_extra
 
     require_extra("experiment")
+    from pourcast.experiment.design.services import prolific_settings
     from pourcast.experiment.design.settings import NAME
     from pourcast.experiment.server.process import Address, ExperimentServer
 
@@ -103,9 +125,10 @@ def serve(
                 f"{study}: {len(experiment.scenes)} scenes, {experiment.design.practice} practice "
                 f"trials, groups: {groups}\ndesign: {study / NAME}\n"
                 f"stimuli: {experiment.materials.stimuli.folder}\n"
-                f"responses: {storage.url.render_as_string()}"
+                f"responses: {storage.shown_url}"
             )
             if check:
+                _say(prolific_settings(experiment.design.recruiting, f"{address.base(port)}/"))
                 return
             server.run(print_links)
             saved = len(storage.records())
@@ -153,6 +176,9 @@ def data(
         bool,
         typer.Option("--identifiers", help="With the platform's ids, which nobody else may see."),
     ] = False,
+    remarks: Annotated[
+        bool, typer.Option("--remarks", help="psych-ds: with what participants wrote at the end.")
+    ] = False,
     preview: Annotated[
         bool, typer.Option("--preview", help="With those who came by the preview link.")
     ] = False,
@@ -172,6 +198,9 @@ def data(
 
     Example: pourcast experiment data my-study --format psych-ds -o my-data
     """
+    if withdraw is not None and _database_is_lost(study, database):
+        _withdraw(study, None, withdraw)
+        return
     with _storage(study, database, must_exist=not import_files) as storage:
         if import_files:
             _import(study, storage, import_files)
@@ -179,7 +208,15 @@ def data(
             _withdraw(study, storage, withdraw)
         if out is None and (import_files or withdraw is not None):
             return
-        _write(study, storage, out or study / "data", form, identifiers, preview)
+        from pourcast.experiment.data.dataset import write_data
+
+        written = write_data(
+            out or study / "data", study, storage, form.value, identifiers=identifiers,
+            remarks=remarks, preview=preview,
+        )  # fmt: skip
+    for path in written.paths:
+        typer.echo(str(path))
+    typer.echo(f"{written.participants} participants, {written.judgments} judgments")
 
 
 @experiment_app.command()
@@ -209,15 +246,31 @@ def export(
         raise InputError("export: --datapipe goes with --static")
     with _storage(study, database, must_exist=False) as storage, progress_bar() as report:
         from pourcast.experiment.design.materials import prepare_materials
+        from pourcast.experiment.design.services import (
+            datapipe_settings,
+            jatos_settings,
+            prolific_settings,
+        )
         from pourcast.experiment.page.export import export_jatos, export_static
 
         materials = prepare_materials(study, storage.secret, report)
+    recruiting = materials.design.recruiting
     if jatos is not None:
         export_jatos(jatos, materials)
         typer.echo(f"{jatos}: import it in JATOS; its results come back by --import")
+        _say(prolific_settings(recruiting, "STUDY-LINK"))
+        _say(jatos_settings())
     if static is not None:
         export_static(static, materials, datapipe=datapipe)
         typer.echo(f"{static}: put it on a web host; index.html is the link")
+        _say(prolific_settings(recruiting, "https://YOUR-HOST/index.html"))
+        if datapipe:
+            _say(datapipe_settings(datapipe))
+
+
+def _say(lines: Iterable[str]) -> None:
+    for line in lines:
+        typer.echo(line)
 
 
 def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
@@ -238,21 +291,34 @@ def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
         )
 
 
-def _withdraw(study: Path, storage: "Storage", who: str) -> None:
+def _database_is_lost(study: Path, database: str | None) -> bool:
+    """Whether a study has a journal, and no database."""
+    from pourcast.experiment.storage.journal import NAME
+    from pourcast.study.folder import DATABASE, study_scenes
+
+    study_scenes(study)
+    return database is None and not (study / DATABASE).exists() and (study / NAME).exists()
+
+
+def _withdraw(study: Path, storage: "Storage | None", who: str) -> None:
+    from pourcast.comparison.compare import TABLES
+    from pourcast.errors import StoreError
     from pourcast.experiment.data.withdrawal import withdraw
     from pourcast.experiment.storage.journal import Journal
 
-    for line in withdraw(study, storage, Journal.of_study(study), who):
+    done = withdraw(study, storage, Journal.of_study(study), who, tables=TABLES)
+    for line in done.deleted:
         typer.echo(f"deleted: {line}")
-    typer.echo("tables that you wrote elsewhere are as they were; write them again")
-
-
-def _write(
-    study: Path, storage: "Storage", out: Path, form: DataFormat, identifiers: bool, preview: bool
-) -> None:
-    from pourcast.experiment.data.dataset import write_data
-
-    written = write_data(out, study, storage, form.value, identifiers=identifiers, preview=preview)
-    for path in written.paths:
-        typer.echo(str(path))
-    typer.echo(f"{written.participants} participants, {written.judgments} judgments")
+    for line in done.notes:
+        typer.echo(f"note: {line}")
+    typer.echo(
+        "outside of the study folder (backups, copies, JATOS, DataPipe and the OSF, the recruiting "
+        f"platform) look for: {', '.join(done.person.to_look_for)}"
+    )
+    for line in done.left:
+        typer.echo(f"left: {line}")
+    if done.left:
+        raise StoreError(
+            f"withdraw: {len(done.left)} things are left, named above; clean or delete them by "
+            "hand, and say the same command again"
+        )

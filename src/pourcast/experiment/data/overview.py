@@ -1,6 +1,7 @@
 """How an experiment goes: for the admin page, and for `pourcast experiment status`."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,8 @@ import pandas as pd
 from pourcast.experiment.data.tables import trials_table
 from pourcast.experiment.design.settings import read_design
 from pourcast.experiment.storage.journal import NAME as JOURNAL
-from pourcast.experiment.storage.journal import Journal, journal_records
+from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.sessions import DECLINED_LATER, DROPPED, OPEN, Session
 from pourcast.experiment.storage.storage import Storage
 
 
@@ -31,6 +33,8 @@ class Overview:
         Number of records that came under a key that another one had.
     missing_in_journal
         Number of records that the database has, and the journal has not.
+    declined_later
+        Codes of participants who declined after they had agreed.
     responses
         Test responses of recruited sessions, by liquid and scene.
     """
@@ -40,6 +44,7 @@ class Overview:
     judgments: int
     conflicts: int
     missing_in_journal: int
+    declined_later: tuple[str, ...]
     responses: Mapping[tuple[str, str], list[float]]
 
     @property
@@ -56,6 +61,11 @@ class Overview:
                 f"{self.missing_in_journal} records are in the database alone, and not in "
                 f"{JOURNAL}; a server appends them when it can, or when it starts"
             )
+        if self.declined_later:
+            lines.append(
+                f"{', '.join(self.declined_later)}: declined after they had agreed; what they gave "
+                "before is kept, and `pourcast experiment data STUDY --withdraw ID` deletes it"
+            )
         return lines
 
     def for_json(self) -> dict[str, Any]:
@@ -66,6 +76,7 @@ class Overview:
             "median_rt": self.median_rt,
             "kept_aside": self.conflicts,
             "missing_in_journal": self.missing_in_journal,
+            "declined_later": list(self.declined_later),
             "scenes": [
                 {"liquid": liquid, "scene": scene, "responses": responses}
                 for (liquid, scene), responses in self.responses.items()
@@ -75,6 +86,8 @@ class Overview:
 
 def study_overview(study: Path, storage: Storage, now: float) -> Overview:
     """How a study's experiment goes; who was away for too long counts as dropped.
+
+    Nothing is changed: only a server knows for how long it waited for somebody.
 
     Parameters
     ----------
@@ -92,23 +105,29 @@ def study_overview(study: Path, storage: Storage, now: float) -> Overview:
     StoreError
         If database or journal can't be read.
     """
-    storage.drop_stale(read_design(study).largest_gap, now)
-    return overview(storage, Journal.of_study(study))
+    latest = now - read_design(study).largest_gap
+    return overview(storage, Journal.of_study(study), stale_before=latest)
 
 
-def overview(storage: Storage, journal: Journal) -> Overview:
+def overview(storage: Storage, journal: Journal, *, stale_before: float = -math.inf) -> Overview:
     """How an experiment goes, previews and simulated observers left out.
 
-    Records that the journal has not are counted whoever made them.
+    Records that the journal has not are counted whoever made them. Open sessions that were last
+    heard of before `stale_before` [s since 1970] count as dropped.
     """
     sessions = [one for one in storage.sessions() if one.entry not in ("preview", "simulation")]
     recruited = {one.number for one in sessions}
+
+    def state_of(session: Session) -> str:
+        is_stale = session.state == OPEN and session.last_seen < stale_before
+        return DROPPED if is_stale else session.state
+
     trials = trials_table(storage, trajectories=False)
     trials = trials[trials["session"].isin(recruited)]
     test = trials[trials["phase"] == "test"]
     states = pd.crosstab(
         pd.Series([one.group + 1 for one in sessions], name="group", dtype=int),
-        pd.Series([one.state for one in sessions], name="state", dtype=str),
+        pd.Series([state_of(one) for one in sessions], name="state", dtype=str),
     )
     responses = {
         (str(liquid), str(scene)): answers.tolist()
@@ -119,6 +138,7 @@ def overview(storage: Storage, journal: Journal) -> Overview:
         median_rt=float(test["rt"].median()),
         judgments=len(trials),
         conflicts=sum(record.session in recruited for record in storage.conflicts()),
-        missing_in_journal=len(journal.missing(journal_records(storage))),
+        declined_later=tuple(one.participant for one in sessions if one.state == DECLINED_LATER),
+        missing_in_journal=len(journal.missing(storage.journal_lines())),
         responses=responses,
     )

@@ -11,9 +11,16 @@ from typing import Any
 
 import pandas as pd
 
-from pourcast.experiment.data.tables import PARTICIPANT_COLUMNS, TRIAL_COLUMNS, write_csv
+from pourcast.experiment.data.tables import (
+    FREE_TEXT,
+    IDENTIFIER_PREFIX,
+    KNOWN_ELSEWHERE,
+    PARTICIPANT_COLUMNS,
+    TRIAL_COLUMNS,
+    write_csv,
+)
 from pourcast.experiment.design.settings import Design
-from pourcast.files import check_empty, write_text
+from pourcast.files import check_empty, make_private_folder, write_text
 
 _README = """# {title}
 
@@ -26,7 +33,7 @@ Yildirim, Tenenbaum and Battaglia (2019), https://doi.org/10.1371/journal.pcbi.1
 - `materials/experiment.toml`: the design
 
 `dataset_description.json` describes every column. Before you publish this: add its fields
-`author` and `license`, and look through the participants' remarks.
+`author` and `license`{look}. When sessions began and answers came is told to the second.
 """
 
 
@@ -36,6 +43,8 @@ def write_psych_ds(
     design: Design,
     trials: pd.DataFrame,
     participants: pd.DataFrame,
+    *,
+    private: bool = False,
 ) -> list[Path]:
     """Write a Psych-DS dataset.
 
@@ -49,6 +58,8 @@ def write_psych_ds(
         The design.
     trials, participants
         From `trials_table` and `participants_table`.
+    private
+        For its owner alone.
 
     Returns
     -------
@@ -61,16 +72,19 @@ def write_psych_ds(
         If the folder holds something already, or can't be written.
     """
     check_empty(folder)
+    if private:
+        make_private_folder(folder)
     name = "".join(letter for letter in study.resolve().name if letter.isalnum()) or "study"
     written = []
     for what, table in (("trials", trials), ("participants", participants)):
         path = folder / "data" / f"study-{name}_description-{what}_data.csv"
-        write_csv(path, table)
+        write_csv(path, table, private=private)
         written.append(path)
     for material in ("scenes.json", "practice.json", "experiment.toml"):
         if (study / material).is_file():
             path = folder / "materials" / material
-            write_text(path, (study / material).read_text(encoding="utf-8"))
+            text = (study / material).read_text(encoding="utf-8")
+            write_text(path, _without_codes(text, design))
             written.append(path)
     columns = {**TRIAL_COLUMNS, **PARTICIPANT_COLUMNS}
     described = [*trials.columns, *(c for c in participants.columns if c not in trials.columns)]
@@ -79,11 +93,34 @@ def write_psych_ds(
             folder / "dataset_description.json",
             json.dumps(_description(design, described, columns), indent=2) + "\n",
         ),
-        (folder / "README.md", _README.format(title=design.title, study=name)),
+        (
+            folder / "README.md",
+            _README.format(title=design.title, study=name, look=_to_look_through(participants)),
+        ),
     ):
         write_text(path, text)
         written.append(path)
     return written
+
+
+def _to_look_through(participants: pd.DataFrame) -> str:
+    """What in a table of participants may say who they are."""
+    identifying = [*FREE_TEXT, *KNOWN_ELSEWHERE]
+    columns = [
+        name
+        for name in participants.columns
+        if name in identifying or name.startswith(IDENTIFIER_PREFIX)
+    ]
+    names = ", ".join(f"`{name}`" for name in columns)
+    return f", and take out what tells who people are (columns {names})" if columns else ""
+
+
+def _without_codes(text: str, design: Design) -> str:
+    """A material without the completion codes: whoever has one gets paid."""
+    for value in design.recruiting.model_dump().values():
+        for written in {json.dumps(value), json.dumps(value, ensure_ascii=False), f"'{value}'"}:
+            text = text.replace(written, '""') if value else text
+    return text
 
 
 def _description(

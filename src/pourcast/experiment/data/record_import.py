@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pourcast.errors import InputError, one_line
 from pourcast.experiment.design.links import visitor
 from pourcast.experiment.design.steps import Schedule, Step
-from pourcast.experiment.storage.journal import Journal, opening_record
+from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_bodies import canonical
 from pourcast.experiment.storage.records import Record
 from pourcast.experiment.storage.sessions import Arrival, Session
@@ -99,15 +99,10 @@ def import_records(
         Record(sessions[name].number, seq, kind, body, now) for name, seq, kind, body in checked
     ]
     results = storage.save(records) if records else []
-    journal.catch_up(
-        [
-            *(opening_record(sessions[n]) for n, source in sources.items() if source.known is None),
-            *(r for r, result in zip(records, results, strict=True) if result.status == "new"),
-        ]
-    )
     for session in sessions.values():
         if len(storage.saved_steps(session.number)) == len(session.steps):
             storage.end(session.number, "complete")
+    journal.catch_up(storage.journal_lines())
     counts = Counter(result.status for result in results)
     return ImportSummary(len(sessions), counts["new"], counts["repeated"], counts["conflict"])
 

@@ -1,8 +1,9 @@
 """The data of an experiment, out of the database, as tables."""
 
 import json
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,8 @@ TRIAL_COLUMNS = {
     "participant": "Code of the participant, the same in all tables",
     "session": "Number of the session",
     "entry": "How the participant came: lab, prolific, mturk, jatos, static, preview, simulation",
-    "state": "State of the session: open, complete, dropped, screened_out or failed_check",
+    "state": "State of the session: open, complete, dropped, screened_out, failed_check, or "
+    "declined_later (after having agreed)",
     "group": "Number of the group, from 1; groups see different liquids",
     "phase": "practice, followed by a film of what happens, or test",
     "block": "Part of the test, from 1; parts are followed by a break",
@@ -68,6 +70,20 @@ PARTICIPANT_COLUMNS = {
 }
 """Columns of the table of participants, and what each means."""
 
+FREE_TEXT = ("remarks",)
+"""Columns in which people may have written who they are."""
+
+KNOWN_ELSEWHERE = ("code",)
+"""Columns by which the recruiting platform, or whoever saw the last page, knows a person."""
+
+IDENTIFIER_PREFIX = "id_"
+"""Begins the columns of the recruiting platform's ids; no other column begins so."""
+
+_LONGEST_NAME = 60
+_UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+"""What a spreadsheet takes for the begin of a formula; the wide forms of Asian keyboards, too."""
+
 
 def trials_table(
     storage: Storage, *, preview: bool = False, trajectories: bool = True
@@ -107,7 +123,8 @@ def participants_table(
     preview
         Those of previews, too.
     identifiers
-        With the recruiting platform's ids, which must not be published.
+        With the recruiting platform's ids, which must not be published; each in a column
+        that begins with `IDENTIFIER_PREFIX`.
     """
     sessions = _chosen(storage, preview=preview)
     records: dict[int, list[Record]] = {number: [] for number in sessions}
@@ -118,10 +135,31 @@ def participants_table(
     rows = []
     for number, session in sessions.items():
         row = _participant(session, records[number]) | {"kept_aside": conflicts[number]}
-        rows.append(row | (dict(session.identifiers) if identifiers else {}))
-    known = list(PARTICIPANT_COLUMNS)
-    extra = list(dict.fromkeys(name for row in rows for name in row if name not in known))
-    return pd.DataFrame(rows, columns=known + extra)
+        rows.append(row)
+    table = pd.DataFrame(rows, columns=list(PARTICIPANT_COLUMNS))
+    return _with_identifiers(table, list(sessions.values())) if identifiers else table
+
+
+def _with_identifiers(table: pd.DataFrame, sessions: Sequence[Session]) -> pd.DataFrame:
+    """A table of sessions with their identifiers; a column has one name's, and is none of ours."""
+    columns = identifier_columns(name for one in sessions for name in one.identifiers)
+    given = {
+        column: [printable(one.identifiers.get(name)) for one in sessions]
+        for name, column in columns.items()
+    }
+    return pd.concat([table, pd.DataFrame(given, index=table.index, dtype=object)], axis=1)
+
+
+def identifier_columns(names: Iterable[str]) -> Mapping[str, str]:
+    """Column of each name of an identifier. A name may be any text, as it came in a file."""
+    columns: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        column = IDENTIFIER_PREFIX + re.sub(r"[^\w.-]", "_", name)[:_LONGEST_NAME]
+        same = sum(
+            re.fullmatch(rf"{re.escape(column)}(~\d+)?", c) is not None for c in columns.values()
+        )
+        columns[name] = f"{column}~{same + 1}" if same else column
+    return columns
 
 
 def _chosen(storage: Storage, *, preview: bool) -> dict[int, Session]:
@@ -166,7 +204,7 @@ def _participant(session: Session, records: Sequence[Record]) -> dict[str, Any]:
     test = [rt for phase, rt in judged if phase == "test"]
     check = of_kind.get("check", {})
     liquids = dict.fromkeys(step.liquid for step in session.steps if step.phase == "test")
-    return _who(session) | {
+    row = _who(session) | {
         "liquids": "+".join(sorted(liquids, reverse=True)),
         "order": session.place,
         "practice_trials": len(judged) - len(test),
@@ -183,20 +221,30 @@ def _participant(session: Session, records: Sequence[Record]) -> dict[str, Any]:
         "remarks": of_kind.get("debrief", {}).get("remarks", ""),
         "code": session.code,
     }
+    return {name: printable(value) for name, value in row.items()}
+
+
+def printable(value: Any) -> Any:
+    """A text that any program can read: halves of characters and control characters replaced."""
+    return _UNPRINTABLE.sub("\ufffd", value) if isinstance(value, str) else value
 
 
 def defused(table: pd.DataFrame) -> pd.DataFrame:
-    """A table whose texts no spreadsheet takes for formulas: they get an apostrophe first."""
+    """A table whose texts no spreadsheet takes for formulas: they get an apostrophe first.
+
+    Its header's, too.
+    """
 
     def safe(value: Any) -> Any:
-        dangerous = isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r"))
+        dangerous = isinstance(value, str) and value.startswith(_FORMULA)
         return f"'{value}" if dangerous else value
 
     texts = table.select_dtypes(["object", "string"]).columns
-    return table.assign(**{name: table[name].map(safe) for name in texts})
+    safe_table = table.assign(**{name: table[name].map(safe) for name in texts})
+    return safe_table.rename(columns=safe)
 
 
-def write_csv(path: Path, table: pd.DataFrame) -> None:
-    """Write a table of people's data as CSV, formulas defused."""
-    with replacing(path) as temporary:
+def write_csv(path: Path, table: pd.DataFrame, *, private: bool = False) -> None:
+    """Write a table of people's data as CSV, formulas defused; `private`: for its owner alone."""
+    with replacing(path, private=private) as temporary:
         defused(table).to_csv(temporary, index=False, lineterminator="\n")

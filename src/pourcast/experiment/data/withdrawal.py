@@ -1,69 +1,250 @@
-"""Taking a participant out of a study, everywhere."""
+"""Taking a participant out of a study, everywhere.
 
+What is ours is cleaned where it stands: tables, files of records, copies of the database, journal,
+database. What was made of a person's answers, such as a report, is deleted, and it is said how it
+is made again. Then the whole folder is searched for all that the person is called, and what is
+still left is named, for the researcher to clean by hand.
+"""
+
+import time
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-import pandas as pd
-
-from pourcast.errors import InputError
-from pourcast.experiment.design.links import PERSONAL
-from pourcast.experiment.storage.journal import Journal
-from pourcast.experiment.storage.sessions import Session
+from pourcast.errors import InputError, StoreError
+from pourcast.experiment.data.file_search import LEFT_OUT, Findings, search_folder
+from pourcast.experiment.data.person import Person, names_in_lines, person_called
+from pourcast.experiment.data.removal import remove_from_file
+from pourcast.experiment.design.links import codes_of
+from pourcast.experiment.storage.database import database_files
+from pourcast.experiment.storage.journal import Journal, journal_words
 from pourcast.experiment.storage.storage import Storage
-from pourcast.files import finished_files
-from pourcast.tables import TABLE_SUFFIXES, read_table, write_table
+from pourcast.files import is_temporary
+from pourcast.study.folder import DATABASE
+
+_BEING_WRITTEN = 60.0
+"""A temporary file that is younger may be another command's, which writes it now [s]."""
+
+_AGREEMENT = "agreement.csv"
+"""What is in a folder of tables that `compare -o` or `report` wrote."""
 
 
-def withdraw(study: Path, storage: Storage, journal: Journal, who: str) -> list[str]:
-    """Delete a participant everywhere in a study: database, journal, tables of responses.
+@dataclass
+class Withdrawal:
+    """What became of a withdrawal.
+
+    Parameters
+    ----------
+    person
+        Who withdrew.
+    deleted
+        What was deleted, a line each.
+    left
+        What still has something of the person and must be cleaned by hand, a line each.
+    notes
+        What else the researcher should know, a line each.
+    """
+
+    person: Person
+    deleted: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def withdraw(
+    study: Path,
+    storage: Storage | None,
+    journal: Journal,
+    who: str,
+    *,
+    tables: Collection[str] = (),
+) -> Withdrawal:
+    """Delete a participant everywhere in a study folder, and in its database.
+
+    It can be interrupted and begun again: the database, which tells who they are, comes last; and
+    what is left in files is found even if the database has nothing of them any more. A server may
+    run.
 
     Parameters
     ----------
     study
         The study folder.
     storage, journal
-        Its data.
+        Its data; no storage if the database was lost.
     who
         Code of the participant or of the session, or the platform's id.
-
-    Returns
-    -------
-    list of str
-        What was deleted, a line each.
+    tables
+        Names of the tables that a comparison is written to.
 
     Raises
     ------
     InputError
-        If there is no such participant.
+        If nothing is known of such a participant, and no file names them.
     StoreError
         If journal or database can't be changed.
     """
-    sessions = [one for one in storage.sessions() if who in _names(one)]
-    if not sessions:
-        raise InputError(f"withdraw: there is no participant {who!r}")
-    numbers = {one.number for one in sessions}
-    codes = {one.participant for one in sessions}
-    # The database last: it tells who they are, should this be interrupted and begun again.
-    lines = journal.remove(lambda line: line["session"] in numbers)
-    deleted = [f"{journal.path.name}: {lines} lines"]
-    for path in finished_files(study / "responses"):
-        removed = _remove_from_table(path, codes)
-        if removed:
-            deleted.append(f"{path.relative_to(study)}: {removed} rows")
-    rows = storage.delete(numbers)
-    return deleted + [f"database: {count} rows of {table}" for table, count in rows.items()]
+    person = find_person(storage, journal, who)
+    done = Withdrawal(person)
+    findings = _search(study, storage, person)
+    named = person.distinctive or any(one in person.codes for one in _words(findings))
+    if not person.sessions and not (findings.found and named):
+        raise InputError(
+            f"withdraw: there is no participant {who!r}; neither the database nor any file of "
+            f"{study} has anything of them"
+        )
+    live = _live_files(study, storage, journal)
+    others = [path for path in findings.found if path.resolve() not in live]
+    _delete_derived(study, others, tables, done)
+    for path in others:
+        _clean_file(study, path, person, done)
+    _clean_stores(storage, journal, done)
+    _look_again(study, storage, journal, done)
+    return done
 
 
-def _names(session: Session) -> set[str]:
-    """What one person alone is called by; a study's id would take everybody out."""
-    ids = {value for name, value in session.identifiers.items() if name in PERSONAL}
-    return {session.participant, session.code, *ids}
+def find_person(storage: Storage | None, journal: Journal, who: str) -> Person:
+    """Who is called so, as far as database and journal tell.
+
+    Raises
+    ------
+    InputError
+        If it is no name.
+    StoreError
+        If database or journal can't be read.
+    """
+    if not who.strip():
+        raise InputError("withdraw: expected a participant's code or id, found nothing")
+    lines = list(journal.lines())
+    words = journal_words(journal.path)
+    secret = bytes.fromhex(words.get("secret", "")) if storage is None else storage.secret
+    if storage is not None:
+        lines += [dict(line) for line in storage.journal_lines()]
+    return person_called(who, names_in_lines(lines), codes_of(who, secret) if secret else ())
 
 
-def _remove_from_table(path: Path, codes: set[str]) -> int:
-    if path.suffix not in TABLE_SUFFIXES:
-        return 0
-    table = read_table(path, verbatim=True)
-    gone = table.get("participant", pd.Series(dtype=str)).astype(str).isin(codes)
-    if gone.any():
-        write_table(path, table[~gone.to_numpy()])
-    return int(gone.sum())
+def _search(study: Path, storage: Storage | None, person: Person) -> Findings:
+    if storage is not None:
+        storage.close()  # SQLite's files are read; it opens them again when it is asked
+    return search_folder(study, person.needles())
+
+
+def _live_files(study: Path, storage: Storage | None, journal: Journal) -> set[Path]:
+    """Files that are cleaned by who keeps them: the database's and the journal."""
+    database = study / DATABASE
+    if storage is not None and storage.url.get_backend_name() == "sqlite":
+        database = Path(str(storage.url.database))
+    return {path.resolve() for path in (*database_files(database), journal.path)}
+
+
+def _clean_file(study: Path, path: Path, person: Person, done: Withdrawal) -> None:
+    """Take a person out of a file of ours; a temporary one left behind goes as a whole."""
+    name = path.relative_to(study)
+    try:
+        if is_temporary(path):
+            if time.time() - path.stat().st_mtime > _BEING_WRITTEN:
+                path.unlink()
+                done.deleted.append(f"{name}: a temporary file that was left behind")
+            return
+        removed = remove_from_file(path, person)
+    except FileNotFoundError:
+        return
+    except (OSError, InputError, ValueError) as error:
+        done.notes.append(f"{name}: could not be cleaned ({error})")
+        return
+    if removed:
+        done.deleted.append(f"{name}: {removed}")
+
+
+def _delete_derived(
+    study: Path, found: Sequence[Path], tables: Collection[str], done: Withdrawal
+) -> None:
+    """Delete reports and tables of comparisons that were made with the person's answers."""
+    derived = {one for path in found if (one := _derived(path, study)) is not None}
+    for folder in sorted(derived):
+        page = folder / "report.html"
+        is_report = page.is_file()
+        files = [page] if is_report else [folder / f"{name}.csv" for name in tables]
+        if is_report:
+            files += [*(folder / "tables").glob("*.csv"), *(folder / "figures").glob("*.svg")]
+            files += (folder / "figures").glob("*.png")
+        files = [file for file in files if file.is_file()]
+        for file in files:
+            file.unlink()
+        command = f"pourcast {'report' if is_report else 'compare'} {study}"
+        output = "" if folder == study / "report" else f" -o {folder}"
+        done.deleted.append(
+            f"{folder.relative_to(study)}: {len(files)} files, made with this person's answers; "
+            f"`{command}{output}` makes them again without"
+        )
+
+
+def _derived(path: Path, study: Path) -> Path | None:
+    """The folder of the report or comparison that a file belongs to, inside the study."""
+    for folder in path.parents:
+        if folder == study:
+            return None
+        if (folder / "report.html").is_file() and (folder / "tables" / _AGREEMENT).is_file():
+            return folder
+        if (folder / _AGREEMENT).is_file() and not (folder.parent / "report.html").is_file():
+            return folder
+    return None
+
+
+def _clean_stores(storage: Storage | None, journal: Journal, done: Withdrawal) -> None:
+    """Clean journal and database; the database last, as it tells who they are."""
+    person = done.person
+    lines = _remove_from_journal(journal, person)
+    if storage is not None:
+        numbers = {one.number for one in storage.sessions() if one.key in person.keys}
+        rows = storage.delete(numbers) if numbers else {}
+        # A server that saved something in the meantime appended it; from now on it can't.
+        lines += _remove_from_journal(journal, person)
+        done.deleted += [f"database: {count} rows of {table}" for table, count in rows.items()]
+        try:
+            storage.write_anew()
+        except StoreError as error:
+            done.left.append(str(error))
+        if storage.url.get_backend_name() == "postgresql":
+            done.notes.append(
+                "PostgreSQL's own write-ahead log, its replicas and its backups are its server's: "
+                "they have the rows until they are recycled"
+            )
+    done.deleted.insert(0, f"{journal.path.name}: {lines} lines")
+
+
+def _remove_from_journal(journal: Journal, person: Person) -> int:
+    return journal.remove(person.keys, person.distinctive | person.participants)
+
+
+def _look_again(study: Path, storage: Storage | None, journal: Journal, done: Withdrawal) -> None:
+    """Search the whole folder once more, and name what is left."""
+    findings = _search(study, storage, done.person)
+    if journal.path in findings.found:
+        _remove_from_journal(journal, done.person)
+        findings = _search(study, storage, done.person)
+    for path, labels in findings.found.items():
+        why = "; it is being written: say this again in a minute" if is_temporary(path) else ""
+        done.left.append(f"{path.relative_to(study)}: has {_listed(labels)}{why}")
+    done.left += [f"{p.relative_to(study)}: {why}" for p, why in findings.unread.items()]
+    done.notes += _search_notes(study, findings)
+
+
+def _words(findings: Findings) -> set[str]:
+    """The last words of what was found: of codes, the codes themselves."""
+    return {label.rpartition(" ")[2] for labels in findings.found.values() for label in labels}
+
+
+def _search_notes(study: Path, findings: Findings) -> list[str]:
+    notes = [f"looked through {findings.searched} files of {study}"]
+    if findings.left_out:
+        notes[0] += f"; not through {findings.left_out} ({LEFT_OUT})"
+    if findings.shown:
+        names = [str(path.relative_to(study)) for path in findings.shown]
+        notes.append(f"what pictures, films and PDFs show was not looked at: {_listed(names, 10)}")
+    return notes
+
+
+def _listed(names: Iterable[str], most: int = 5) -> str:
+    names = list(names)
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -14,6 +14,9 @@ MTURK = ("workerId", "assignmentId", "hitId")
 PERSONAL = ("participant", PROLIFIC[0], MTURK[0])
 """Identifiers that tell one person from all others; those of studies and sessions don't."""
 
+_CALLED: tuple[Entry, ...] = ("lab", "prolific", "mturk")
+"""Entries by which people have a name that is the same whenever they come."""
+
 _KEYED: tuple[Entry, ...] = ("lab", "preview", "simulation")
 
 
@@ -44,6 +47,11 @@ def link_key(secret: bytes, entry: str) -> str:
 def participant_code(secret: bytes, identifier: str) -> str:
     """Code of a platform's id, that can't be turned back without the study's database."""
     return hmac.new(secret, f"id {identifier}".encode(), hashlib.sha256).hexdigest()[:12]
+
+
+def codes_of(identifier: str, secret: bytes) -> set[str]:
+    """Codes of whoever is called so, wherever they came from."""
+    return {participant_code(secret, f"{entry} {identifier}") for entry in _CALLED}
 
 
 def participant_links(base: str, secret: bytes) -> dict[str, str]:

@@ -17,6 +17,9 @@ from pourcast.study.folder import study_liquids
 WEB = Path(__file__).parent / "web"
 DIST = WEB / "dist"
 
+_BEFORE = ("reaching", "offline", "silent", "failing", "broken", "unloaded", "old")
+"""Words that the page brings, for when no server has told it any."""
+
 
 def require_page() -> None:
     """Refuse to go on without the page.
@@ -37,14 +40,9 @@ def page_html(texts: Mapping[str, Any], language: str) -> str:
     """The page, in a study's words."""
     page = texts["page"]
     text = (DIST / "index.html").read_text(encoding="utf-8")
-    for name, words in (
-        ("LANGUAGE", language),
-        ("TITLE", page["title"]),
-        ("REACHING", page["reaching"]),
-        ("UNREACHABLE", page["unreachable"]),
-        ("BROKEN", page["broken"]),
-    ):
-        text = text.replace(f"@{name}@", html.escape(words))
+    words = {name: page[name] for name in ("title", *_BEFORE)} | {"language": language}
+    for name, word in words.items():
+        text = text.replace(f"@{name.upper()}@", html.escape(word))
     return text
 
 

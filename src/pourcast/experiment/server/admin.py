@@ -15,6 +15,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.routing import Route
 
+from pourcast.errors import StoreError
 from pourcast.experiment.data.overview import overview
 from pourcast.experiment.data.tables import defused, participants_table, trials_table
 from pourcast.experiment.server.live_experiment import LiveExperiment
@@ -74,25 +75,36 @@ class _Admin:
 
     def _html(self) -> str:
         experiment = self.experiment
-        experiment.storage.drop_stale(experiment.design.largest_gap, experiment.clock())
-        seen = overview(experiment.storage, experiment.journal)
-        table = participants_table(experiment.storage)
+        try:
+            content = self._content()
+        except StoreError as error:
+            content = {"warnings": list(dict.fromkeys([*experiment.failures, str(error)]))}
         return self._template.render(
             title=experiment.texts["page"]["title"],
             study=experiment.study.name,
             token=experiment.storage.admin_token,
             now=time.strftime("%Y-%m-%d %H:%M:%S"),
-            judgments=seen.judgments,
-            warnings=[*seen.warnings, *experiment.failures],
-            states=seen.states,
-            liquids=["+".join(group) for group in experiment.design.groups],
-            median_rt="" if np.isnan(seen.median_rt) else f"{seen.median_rt:.1f}",
-            participants=[_row(one) for one in table.to_dict("records")],
-            scenes=[
+            **content,
+        )
+
+    def _content(self) -> dict[str, Any]:
+        """What the page shows of the database."""
+        experiment = self.experiment
+        experiment.storage.drop_stale(experiment.design.largest_gap, experiment.clock())
+        seen = overview(experiment.storage, experiment.journal)
+        table = participants_table(experiment.storage)
+        return {
+            "judgments": seen.judgments,
+            "warnings": [*seen.warnings, *experiment.failures],
+            "states": seen.states,
+            "liquids": ["+".join(group) for group in experiment.design.groups],
+            "median_rt": "" if np.isnan(seen.median_rt) else f"{seen.median_rt:.1f}",
+            "participants": [_row(one) for one in table.to_dict("records")],
+            "scenes": [
                 _histogram(scene, liquid, answers)
                 for (liquid, scene), answers in seen.responses.items()
             ],
-        )
+        }
 
 
 def _row(one: dict[Any, Any]) -> dict[str, Any]:

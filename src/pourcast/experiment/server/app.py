@@ -23,7 +23,7 @@ from pourcast.experiment.design.steps import Step
 from pourcast.experiment.page.pages import DIST, page_html, participant_view, require_page
 from pourcast.experiment.server.live_experiment import LiveExperiment, NoSuchStepError
 from pourcast.experiment.storage.record_bodies import MAX_BODY
-from pourcast.experiment.storage.sessions import COMPLETE, OPEN, Refusal, Session
+from pourcast.experiment.storage.sessions import COMPLETE, DECLINED, OPEN, Refusal, Session
 
 _REFUSED = {"link": 403, "full": 403, "again": 403, "late": 410, "gone": 401, "busy": 429}
 
@@ -78,6 +78,8 @@ class _RecordContent(_Content):
 
 class _FinishContent(_Content):
     state: Literal["complete", "declined", "screened_out", "failed_check"]
+    # A page of before that says no tab can only be complete.
+    tab: _Tab = ""
 
 
 class SafeHeaders:
@@ -212,33 +214,37 @@ class _Api:
 
     async def save(self, request: Request) -> Response:
         """Save a record. The answer is sent when the database has it on the disk."""
-        session = await self._session(request)
+        token = _token(request)
         content = await _parsed(request, _RecordContent)
         try:
             result = await self.experiment.save(
-                session, request.path_params["seq"], content.body, content.tab
+                token, request.path_params["seq"], content.body, content.tab
             )
         except NoSuchStepError:
             raise HTTPException(404, "no such step") from None
         except ValidationError as error:
             raise HTTPException(422, _first(error)) from None
-        if result.status == "gone":
-            raise Refusal("gone")
         return JSONResponse({"saved": result.status, "superseded": result.superseded})
 
     async def finish(self, request: Request) -> Response:
-        """End a session, or name the steps that are missing."""
-        session = await self.experiment.session_of(_token(request))
+        """End a session, or name the steps that are missing.
+
+        `state` is in the answer if the session's is another than was asked for: one that has ended
+        stays as it is, and a tab that has not the session can only say that it is complete.
+        """
+        token = _token(request)
         content = await _parsed(request, _FinishContent)
-        if session is None and content.state == "declined":
+        ending = await self.experiment.finish(token, content.state, content.tab)
+        if ending is None and content.state == DECLINED:
             # Deleted before, and the browser never got the answer.
             return JSONResponse({"missing": [], "code": "", "redirect": ""})
-        if session is None:
+        if ending is None:
             raise Refusal("gone")
-        missing = await self.experiment.finish(session, content.state)
-        if missing:
-            return JSONResponse({"missing": missing})
-        return JSONResponse({"missing": [], **self._farewell(session, content.state)})
+        if ending.missing:
+            return JSONResponse({"missing": ending.missing})
+        state = ending.session.state
+        other = {} if state == content.state else {"state": state}
+        return JSONResponse({"missing": [], **other, **self._farewell(ending.session)})
 
     async def media(self, request: Request) -> Response:
         """A still, or a film of a practice trial."""
@@ -246,12 +252,6 @@ class _Api:
         if path is None or not path.is_file():
             raise HTTPException(404, "no such file")
         return FileResponse(path, headers={"Cache-Control": "private, max-age=86400, immutable"})
-
-    async def _session(self, request: Request) -> Session:
-        session = await self.experiment.session_of(_token(request))
-        if session is None:
-            raise Refusal("gone")
-        return session
 
     async def _session_view(self, session: Session) -> dict[str, Any]:
         """What the browser must know of a session."""
@@ -266,14 +266,14 @@ class _Api:
             "done": await experiment.saved_steps(session),
         }
         if session.state != OPEN:
-            view |= self._farewell(session, session.state)
+            view |= self._farewell(session)
         return view
 
-    def _farewell(self, session: Session, state: str) -> dict[str, str]:
+    def _farewell(self, session: Session) -> dict[str, str]:
         """Completion code and way back, when a session has ended."""
         recruiting = self.experiment.design.recruiting
-        own = session.code if state == COMPLETE else ""
-        code = recruiting.codes.get(state) or own
+        own = session.code if session.state == COMPLETE else ""
+        code = recruiting.codes.get(session.state) or own
         if session.entry == "lab":
             return {"code": "", "redirect": ""}
         redirect = recruiting.redirect if code and session.entry != "preview" else ""

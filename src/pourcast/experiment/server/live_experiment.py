@@ -6,10 +6,10 @@ happens after another.
 
 import asyncio
 import contextlib
-import time
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,17 +18,27 @@ from pourcast.errors import StoreError
 from pourcast.experiment.design.links import Visitor
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
+from pourcast.experiment.server.clock import Clock, RunningClock
+from pourcast.experiment.storage.endings import Ending
 from pourcast.experiment.storage.failures import LOGGER, Failures
-from pourcast.experiment.storage.journal import Journal, journal_records, opening_record
+from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_bodies import canonical
+from pourcast.experiment.storage.record_lines import (
+    Line,
+    opening_line,
+    record_line,
+    state_line,
+    tab_line,
+    token_line,
+)
 from pourcast.experiment.storage.records import Record, SaveResult
 from pourcast.experiment.storage.sessions import (
-    COMPLETE,
-    DROPPED,
+    DECLINED,
     OPEN,
     Arrival,
     Refusal,
     Session,
+    token_digest,
 )
 from pourcast.experiment.storage.storage import Storage
 from pourcast.progress import Report, no_report
@@ -43,7 +53,8 @@ _REMEMBERED = 5000
 _JOURNAL_RETRY = 10.0
 """After so long what the journal could not take is tried again [s]."""
 
-Clock = Callable[[], float]
+_LOOK_AFTER_FILES = 0.5
+"""So often it is looked whether the database and the journal are still there [s]."""
 
 
 class NoSuchStepError(LookupError):
@@ -62,7 +73,7 @@ class LiveExperiment:
     report
         Told of the progress of making stimuli.
     clock
-        Seconds since 1970.
+        Seconds since 1970, that go on evenly; a `RunningClock` by default.
     sessions_per_address
         How many sessions an address may open in an hour.
     journal_retry
@@ -82,11 +93,11 @@ class LiveExperiment:
         storage: Storage,
         report: Report = no_report,
         *,
-        clock: Clock = time.time,
+        clock: Clock | None = None,
         sessions_per_address: int = 200,
         journal_retry: float = _JOURNAL_RETRY,
     ) -> None:
-        self.study, self.storage, self.clock = study, storage, clock
+        self.study, self.storage, self.clock = study, storage, clock or RunningClock()
         self.materials = prepare_materials(study, storage.secret, report)
         self.scenes, self.design = self.materials.scenes, self.materials.design
         self.texts = texts_of(study, self.design)
@@ -95,12 +106,18 @@ class LiveExperiment:
         self.materials.publish_for(
             session.steps for session in storage.sessions() if session.state == OPEN
         )
-        self.journal.catch_up(journal_records(storage))
+        # All that an earlier server's stamps tell may be of another clock.
+        self.storage.wait_anew(self.clock())
+        self._delete_declined()
+        self.storage.forget_log()
+        self.journal.catch_up(storage.journal_lines())
+        self._journal_identity = self._identity_of_journal()
+        self._is_away = False
         self._visits = _Visits(sessions_per_address)
         self._sessions: OrderedDict[str, Session] = OrderedDict()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
         self._journal_retry = journal_retry
-        self._waiting: asyncio.Queue[tuple[Record, asyncio.Future[SaveResult]]] | None = None
+        self._waiting: asyncio.Queue[_Waiting] | None = None
 
     @property
     def failures(self) -> list[str]:
@@ -142,22 +159,16 @@ class LiveExperiment:
                 largest_gap=self.design.largest_gap,
                 now=self.clock(),
             )
+            digest = token_digest(token)
             if is_new:
-                self.journal.append([opening_record(session)])
+                self._append_to_journal([opening_line(session, [digest])])
+            else:
+                self._append_to_journal(
+                    [token_line(session.key, digest), tab_line(session.key, tab)]
+                )
             return session, token
 
         return await self._call(work)
-
-    async def session_of(self, token: str) -> Session | None:
-        """Session of a token; as it was when it was first asked for."""
-        if token not in self._sessions:
-            session = await self._call(lambda: self.storage.session_of(token))
-            if session is None:
-                return None
-            self._sessions[token] = session
-            if len(self._sessions) > _REMEMBERED:
-                self._sessions.popitem(last=False)
-        return self._sessions[token]
 
     async def resume(self, token: str, tab: str | None) -> Session:
         """Look a session up, and give it to a tab if there is one.
@@ -165,33 +176,38 @@ class LiveExperiment:
         Raises
         ------
         Refusal
-            If the session is none (`gone`), or was left for too long (`late`).
+            If the session is none (`gone`), or was left for too long and its place is somebody
+            else's (`late`).
         """
 
         def work() -> Session | None:
-            now = self.clock()
-            self.storage.drop_stale(self.design.largest_gap, now)
-            session = self.storage.session_of(token)
-            if tab is not None and session is not None and session.state == OPEN:
-                self.storage.claim(session.number, tab, now)
+            session = self.storage.resume(
+                token,
+                tab,
+                places=self.design.places,
+                largest_gap=self.design.largest_gap,
+                now=self.clock(),
+            )
+            if session is not None and tab is not None and session.state == OPEN:
+                self._append_to_journal([tab_line(session.key, tab)])
             return session
 
         session = await self._call(work)
         if session is None:
             raise Refusal("gone")
-        if session.state == DROPPED:
-            raise Refusal("late")
         return session
 
     async def saved_steps(self, session: Session) -> list[int]:
         """Numbers of the steps that are saved."""
         return await self._call(lambda: self.storage.saved_steps(session.number))
 
-    async def save(self, session: Session, seq: int, content: Any, tab: str) -> SaveResult:
+    async def save(self, token: str, seq: int, content: Any, tab: str) -> SaveResult:
         """Save a record; the database has it on the disk when this returns.
 
         Raises
         ------
+        Refusal
+            If the token opens no session (`gone`).
         pydantic.ValidationError
             If it isn't what the step's record says.
         NoSuchStepError
@@ -199,19 +215,41 @@ class LiveExperiment:
         StoreError
             If it could not be saved.
         """
+        session = await self._remembered(token)
         if not 0 <= seq < len(session.steps):
             raise NoSuchStepError(seq)
         kind = session.steps[seq].kind
-        record = Record(session.number, seq, kind, canonical(kind, content), self.clock(), tab)
+        body = canonical(kind, content)
+        record = Record(session.number, seq, kind, body, self.clock(), tab, token)
         if self._waiting is None or self._waiting.qsize() >= _MOST_WAITING:
             self.storage_failures.add("too much is waiting to be saved")
             raise StoreError("too much is waiting to be saved")
         saved: asyncio.Future[SaveResult] = asyncio.get_running_loop().create_future()
-        self._waiting.put_nowait((record, saved))
-        return await saved
+        self._waiting.put_nowait(_Waiting(session, record, saved))
+        result = await saved
+        if result.status == "gone":
+            self._sessions.pop(token, None)
+            raise Refusal("gone")
+        return result
 
-    async def finish(self, session: Session, state: str) -> list[int]:
-        """End a session; returns the steps of which there is no record yet.
+    async def _remembered(self, token: str) -> Session:
+        """A token's session, of which only what never changes may be relied on, such as its steps.
+
+        A token is never another session's. Whether the session is still there only the database
+        knows, when a record is saved.
+        """
+        session = self._sessions.get(token)
+        if session is None:
+            session = await self._call(lambda: self.storage.session_of(token))
+            if session is None:
+                raise Refusal("gone")
+            self._sessions[token] = session
+            if len(self._sessions) > _REMEMBERED:
+                self._sessions.popitem(last=False)
+        return session
+
+    async def finish(self, token: str, state: str, tab: str) -> Ending | None:
+        """End a session as a page wishes, if it can; see `finish_session`. None if there is none.
 
         Those who declined are deleted.
 
@@ -221,25 +259,29 @@ class LiveExperiment:
             If it could not be done.
         """
 
-        def work() -> list[int]:
-            if state == "declined":
-                # The database last: it tells who they are, should this fail and be tried again.
-                self.journal.remove(lambda line: line["session"] == session.number)
-                self.storage.delete([session.number], vacuum=False)
-                return []
-            if state == COMPLETE:
-                saved = set(self.storage.saved_steps(session.number))
-                missing = [step.seq for step in session.steps if step.seq not in saved]
-                if missing:
-                    return missing
-            self.storage.end(session.number, state)
-            return []
+        def work() -> Ending | None:
+            ending = self.storage.finish(token, state, tab)
+            if ending is not None and ending.session.state == DECLINED:
+                self._delete_declined()
+            elif ending is not None and ending.is_new:
+                self._append_to_journal([state_line(ending.session.key, ending.session.state)])
+            return ending
 
-        missing = await self._call(work)
-        if state == "declined":
-            for token in [t for t, one in self._sessions.items() if one.number == session.number]:
-                del self._sessions[token]
-        return missing
+        return await self._call(work)
+
+    def _delete_declined(self) -> None:
+        """Delete those who declined, everywhere.
+
+        That they did is in the database by now: whatever ends this half-way, the next start, or the
+        page when it asks again, does the rest. The database last, as it tells who they are.
+        """
+        sessions = [one for one in self.storage.sessions() if one.state == DECLINED]
+        if not sessions:
+            return
+        self.journal.remove({session.key for session in sessions})
+        self._journal_identity = self._identity_of_journal()
+        self.storage.delete({session.number for session in sessions})
+        self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------
 
@@ -250,41 +292,44 @@ class LiveExperiment:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._save_batches(waiting))
                 tasks.create_task(self._retry_journal())
+                tasks.create_task(self._look_after_files())
         except Exception:
             LOGGER.exception("records are not saved any more; start the server again")
             raise
         finally:
             self._waiting = None
 
-    async def _save_batches(
-        self, waiting: "asyncio.Queue[tuple[Record, asyncio.Future[SaveResult]]]"
-    ) -> None:
+    async def _save_batches(self, waiting: "asyncio.Queue[_Waiting]") -> None:
         """Save all that waits in one transaction, again and again."""
         while True:
             batch = [await waiting.get()]
             while not waiting.empty() and len(batch) < _LARGEST_BATCH:
                 batch.append(waiting.get_nowait())
-            records = [record for record, _ in batch]
             try:
-                results = await self._call(partial(self._save, records))
+                results = await self._call(partial(self._save, batch))
             except Exception as error:
-                listeners = [saved for _, saved in batch if not saved.done()]
+                listeners = [one.saved for one in batch if not one.saved.done()]
                 for saved in listeners:
                     saved.set_exception(error)
                 if not listeners:
                     LOGGER.exception("%s records were not saved; nobody waits for them", len(batch))
                 continue
-            for (_, saved), result in zip(batch, results, strict=True):
-                if not saved.done():
-                    saved.set_result(result)
+            for one, result in zip(batch, results, strict=True):
+                if not one.saved.done():
+                    one.saved.set_result(result)
 
-    def _save(self, records: list[Record]) -> list[SaveResult]:
+    def _save(self, batch: "list[_Waiting]") -> list[SaveResult]:
         self._forget_deleted_sessions()
-        results = self.storage.save(records)
-        self.journal.append(
-            record
-            for record, result in zip(records, results, strict=True)
-            if result.status == "new"
+        results = self.storage.save([one.record for one in batch])
+        back = {
+            one.session.number for one, result in zip(batch, results, strict=True) if result.dropped
+        }
+        for session in back:
+            self.storage.reopen(session, self.design.places, self.clock())
+        self._append_to_journal(
+            record_line(one.session, one.record, aside=result.status == "conflict")
+            for one, result in zip(batch, results, strict=True)
+            if result.kept
         )
         return results
 
@@ -293,7 +338,7 @@ class LiveExperiment:
 
         def work() -> None:
             self._forget_deleted_sessions()
-            self.journal.retry()
+            self._append_to_journal([])
 
         while True:
             await asyncio.sleep(self._journal_retry)
@@ -301,10 +346,63 @@ class LiveExperiment:
                 with contextlib.suppress(StoreError):  # counted by `_call`; tried again
                     await self._call(work)
 
+    async def _look_after_files(self) -> None:
+        """Notice what becomes of the database and the journal, should no records come."""
+        while True:
+            await asyncio.sleep(_LOOK_AFTER_FILES)
+            with contextlib.suppress(StoreError):  # noted; looked at again
+                await asyncio.get_running_loop().run_in_executor(self._pool, self._look)
+
+    def _look(self) -> None:
+        try:
+            self.storage.check()
+        except StoreError as error:
+            if not self._is_away:
+                self.storage_failures.add(str(error))
+            self._is_away = True
+            raise
+        if self._is_away:
+            # It may have taken records that nobody was told of, nor the journal.
+            self.journal.catch_up(self.storage.journal_lines())
+            self._journal_identity = self._identity_of_journal()
+            self.storage_failures.end()
+            self._is_away = False
+        self._look_after_journal()
+
+    def _append_to_journal(self, lines: Iterable[Line]) -> None:
+        """Append what the database has by now; a journal that somebody took away is told of."""
+        if self._look_after_journal():
+            self.journal.append(lines)
+            self._journal_identity = self._identity_of_journal()
+
+    def _look_after_journal(self) -> bool:
+        """Write the journal anew from the database if it was taken away; whether it was there."""
+        if self._identity_of_journal() == self._journal_identity:
+            return True
+        self.journal.keep_waiting_of(())  # all of it is in the database
+        missing = self.journal.catch_up(self.storage.journal_lines())
+        self._journal_identity = self._identity_of_journal()
+        if missing:
+            LOGGER.warning(
+                "%s: was deleted or replaced while the study was served; %s lines that it lacked "
+                "were written again from the database",
+                self.journal.path,
+                missing,
+            )
+        return False
+
+    def _identity_of_journal(self) -> tuple[int, int] | None:
+        """Which file the journal is; None if there is none."""
+        try:
+            found = self.journal.path.stat()
+        except OSError:
+            return None
+        return found.st_dev, found.st_ino
+
     def _forget_deleted_sessions(self) -> None:
         """Keep out of the journal who withdrew while it could not be written."""
         if self.journal.waiting:
-            self.journal.keep_waiting_of(self.storage.session_numbers())
+            self.journal.keep_waiting_of(self.storage.session_keys())
 
     async def _call(self, work: Callable[[], T]) -> T:
         """Do something with the database: one thing after another, off the event loop."""
@@ -319,6 +417,15 @@ class LiveExperiment:
             return result
 
         return await asyncio.get_running_loop().run_in_executor(self._pool, watched)
+
+
+@dataclass
+class _Waiting:
+    """A record that waits to be saved, and who waits for that."""
+
+    session: Session
+    record: Record
+    saved: asyncio.Future[SaveResult]
 
 
 class _Visits:

@@ -16,6 +16,7 @@ from pourcast.experiment.server.admin import admin_routes
 from pourcast.experiment.server.app import create_app
 from pourcast.experiment.server.live_experiment import LiveExperiment
 from pourcast.experiment.storage.storage import Storage
+from pourcast.files import PRIVATE, keep_private
 from pourcast.progress import Report, no_report
 
 LOCK = "experiment.lock"
@@ -145,7 +146,8 @@ def lock_study(study: Path) -> FileLock:
     StoreError
         If another one serves it.
     """
-    lock = FileLock(study / LOCK)
+    keep_private(study / LOCK)
+    lock = FileLock(study / LOCK, mode=PRIVATE)
     try:
         lock.acquire(blocking=False)
     except Timeout:

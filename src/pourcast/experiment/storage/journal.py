@@ -1,25 +1,31 @@
-"""A second copy of every record: one line of JSON each, appended as it comes.
+"""A second copy of all that the database has: a line of JSON each, appended as it comes.
 
 The database is the first copy, and a record is acknowledged when the database has it. What the
 journal could not take waits in memory and is tried again; until then the journal says so
 (`Journal.waiting`, `Journal.failures`), and what a server that ends has not written is appended at
-the next start (`Journal.catch_up`).
+the next start (`Journal.catch_up`). The journal alone is enough to make the database again:
+`record_lines` says what is in it, `data.record_import` reads it.
 """
 
 import json
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Hashable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.storage.failures import LOGGER, Failures
-from pourcast.experiment.storage.records import Record
-from pourcast.experiment.storage.sessions import Session
-from pourcast.experiment.storage.storage import Storage
-from pourcast.files import replacing
+from pourcast.experiment.storage.record_lines import (
+    JOURNAL_FORMAT,
+    Line,
+    dumps,
+    is_line,
+    line_names,
+)
+from pourcast.files import PRIVATE, keep_private, replacing
 
 NAME = "responses.jsonl"
 
@@ -28,19 +34,21 @@ _LONGEST_WAIT = 2.0
 
 
 class Journal:
-    """The journal of a study's records.
+    """The journal of a study.
 
     Parameters
     ----------
     path
-        The file; made when the first record comes.
+        The file; made when the first line comes.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.failures = Failures("new records are in the database alone until it can be")
-        self._lock = FileLock(path.with_suffix(".lock"))
-        self._waiting: list[str] = []
+        self._lock = FileLock(path.with_suffix(".lock"), mode=PRIVATE)
+        self._waiting: list[Line] = []
+        keep_private(path)
+        keep_private(path.with_suffix(".lock"))
 
     @classmethod
     def of_study(cls, study: Path) -> "Journal":
@@ -49,17 +57,17 @@ class Journal:
 
     @property
     def waiting(self) -> int:
-        """How many records wait to be appended, since it could not be done."""
+        """How many lines wait to be appended, since it could not be done."""
         return len(self._waiting)
 
-    def append(self, records: Iterable[Record]) -> None:
-        """Append records, and those that could not be appended before.
+    def append(self, lines: Iterable[Line]) -> None:
+        """Append lines, and those that could not be appended before.
 
         A full disk is no reason to refuse a record that the database has: the failure is
         noted in `failures`, and the record is appended with the next ones, by `retry` or
         by `catch_up`.
         """
-        self._waiting += [_line(record) for record in records]
+        self._waiting += lines
         self.retry()
 
     def retry(self) -> None:
@@ -68,40 +76,63 @@ class Journal:
             return
         try:
             with self._lock.acquire(timeout=_LONGEST_WAIT):
-                _append(self.path, "".join(self._waiting).encode())
+                _append(self.path, _encoded(self._waiting))
         except OSError as error:
             self.failures.add(f"{self.path}: cannot be written ({error.strerror or error})")
             return
         self._waiting.clear()
         self.failures.end()
 
-    def keep_waiting_of(self, sessions: Collection[int]) -> None:
+    def keep_waiting_of(self, sessions: Collection[str]) -> None:
         """Forget what waits of other sessions, which were deleted in the meantime."""
-        self._waiting = [line for line in self._waiting if json.loads(line)["session"] in sessions]
+        self._waiting = [
+            line for line in self._waiting if line.get("session", "") in {"", *sessions}
+        ]
 
     def lines(self) -> Iterator[dict[str, Any]]:
-        """Yield the lines; one that was cut short by a crash is left out.
+        """Yield the lines; what is no line, such as one that a crash cut short, is left out.
 
         Raises
         ------
         StoreError
             If the file can't be read.
         """
-        yield from (line for line in self._parsed() if line is not None)
+        for text in self.read().split(b"\n"):
+            line = _parse(text)
+            if line is not None:
+                yield line
 
-    def missing(self, records: Iterable[Record]) -> list[Record]:
-        """Those of some records that the file doesn't have.
+    def read(self) -> bytes:
+        """All of the file, as it is when nobody writes; nothing if it is not there.
 
         Raises
         ------
         StoreError
             If the file can't be read.
         """
-        keys = {(line["session"], line["seq"]) for line in self.lines()}
-        return [record for record in records if (record.session, record.seq) not in keys]
+        try:
+            with self._locked_if_possible():
+                return self.path.read_bytes()
+        except FileNotFoundError:
+            return b""
+        except OSError as error:
+            raise StoreError(f"{self.path}: cannot be read ({error.strerror or error})") from None
 
-    def catch_up(self, records: Iterable[Record]) -> int:
-        """Append the records that are missing, after a crash between two commits.
+    def missing(self, lines: Iterable[Line]) -> list[Line]:
+        """Those of some lines that the file doesn't have.
+
+        Raises
+        ------
+        StoreError
+            If the file can't be read.
+        """
+        there: set[Hashable] = set()
+        for line in self.lines():
+            there |= line_names(line)
+        return [line for line in lines if not line_names(line) <= there]
+
+    def catch_up(self, lines: Iterable[Line]) -> int:
+        """Append the lines that are missing, after a crash between two commits.
 
         Returns
         -------
@@ -113,17 +144,33 @@ class Journal:
         StoreError
             If the file can't be read.
         """
-        damaged = sum(line is None for line in self._parsed())
+        damaged = sum(bool(text.strip()) and not _parse(text) for text in self.read().split(b"\n"))
         if damaged:
             LOGGER.warning(
-                "%s: %s lines are cut short; the records are appended again", self.path, damaged
+                "%s: %s lines can't be read, such as one that a crash cut short; they stay, and "
+                "what the database has is appended again",
+                self.path,
+                damaged,
             )
-        missing = self.missing(records)
-        self.append(missing)
+        missing = self.missing(lines)
+        waiting = {name for line in self._waiting for name in line_names(line)}
+        self.append(line for line in missing if not line_names(line) <= waiting)
         return len(missing)
 
-    def remove(self, match: Callable[[Mapping[str, Any]], bool]) -> int:
-        """Take out the lines that match, and those that are cut short; returns how many matched.
+    def remove(self, sessions: Collection[str], names: Collection[str] = ()) -> int:
+        """Take out all lines of sessions, and those that can't be read and name one of them.
+
+        Parameters
+        ----------
+        sessions
+            Keys of the sessions.
+        names
+            What else their participant is called, such as a platform's id.
+
+        Returns
+        -------
+        int
+            How many there were.
 
         Raises
         ------
@@ -132,57 +179,61 @@ class Journal:
         """
         removed = 0
         if self.path.is_file():
+            marks = [key.encode() for key in sessions]
+            marks += [json.dumps(name, ensure_ascii=False).encode() for name in names]
             try:
                 with self._lock.acquire(timeout=_LONGEST_WAIT):
-                    removed = self._remove_from_file(match)
+                    removed = self._remove_from_file(sessions, marks)
             except (OSError, InputError) as error:
                 cause = getattr(error, "strerror", None) or error
                 raise StoreError(f"{self.path}: lines cannot be taken out ({cause})") from error
-        waiting = [line for line in self._waiting if not match(json.loads(line))]
+        waiting = [line for line in self._waiting if line.get("session") not in sessions]
         removed += len(self._waiting) - len(waiting)
         self._waiting = waiting
         return removed
 
-    def _remove_from_file(self, match: Callable[[Mapping[str, Any]], bool]) -> int:
-        lines = list(self.lines())
-        kept = [line for line in lines if not match(line)]
-        with replacing(self.path) as temporary:
-            temporary.write_bytes("".join(_dumps(line) for line in kept).encode())
-        return len(lines) - len(kept)
+    def _remove_from_file(self, sessions: Collection[str], marks: Collection[bytes]) -> int:
+        texts = self.path.read_bytes().split(b"\n")
+        kept = [text for text in texts if not _is_of(text, sessions, marks)]
+        self.rewrite(b"\n".join(kept))
+        return len(texts) - len(kept)
 
-    def _parsed(self) -> Iterator[dict[str, Any] | None]:
-        """Yield the lines; None for one that is damaged."""
+    def rewrite(self, content: bytes) -> None:
+        """Put something else in the place of the file, all of it or nothing."""
+        with self._lock, replacing(self.path, private=True) as temporary:
+            temporary.write_bytes(content)
+
+    @contextmanager
+    def _locked_if_possible(self) -> Iterator[None]:
+        """Wait for who writes; where no lock can be made, as in a read-only copy, nobody does."""
+        locked = False
+        with suppress(OSError, Timeout):
+            self._lock.acquire(timeout=_LONGEST_WAIT)
+            locked = True
         try:
-            with self.path.open(encoding="utf-8", errors="replace") as stream:
-                for text in stream:
-                    if text.strip():
-                        yield _parse(text)
-        except FileNotFoundError:
-            return
-        except OSError as error:
-            raise StoreError(f"{self.path}: cannot be read ({error.strerror or error})") from None
+            yield
+        finally:
+            if locked:
+                self._lock.release()
 
 
-def journal_records(storage: Storage) -> list[Record]:
-    """All that a journal should have of a database."""
-    return [*map(opening_record, storage.sessions()), *storage.records()]
+def journal_words(path: Path) -> dict[str, str]:
+    """The secrets of the database that a journal was written for; empty if it doesn't tell.
 
-
-def opening_record(session: Session) -> Record:
-    """First line of a session in the journal: who it is, should the database be lost."""
-    body = {
-        "participant": session.participant,
-        "entry": session.entry,
-        "group": session.group,
-        "place": session.place,
-        "identifiers": dict(session.identifiers),
-    }
-    return Record(session.number, -1, "session", json.dumps(body), session.started)
+    Raises
+    ------
+    StoreError
+        If the file can't be read.
+    """
+    for line in Journal(path).lines():
+        if line.get("format") == JOURNAL_FORMAT:
+            return {name: word for name, word in line.items() if isinstance(word, str)}
+    return {}
 
 
 def _append(path: Path, lines: bytes) -> None:
     """Append all of it, or nothing."""
-    handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+    handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, PRIVATE)
     try:
         size = os.fstat(handle).st_size
         if size:
@@ -199,27 +250,22 @@ def _append(path: Path, lines: bytes) -> None:
         os.close(handle)
 
 
-def _parse(text: str) -> dict[str, Any] | None:
-    """A line's content; None if it is no record's."""
+def _encoded(lines: Iterable[Line]) -> bytes:
+    return "".join(map(dumps, lines)).encode("utf-8", "replace")
+
+
+def _parse(text: bytes) -> dict[str, Any] | None:
+    """A line's content; None if it is none."""
     try:
-        content = json.loads(text)
-    except ValueError:
+        content = json.loads(text.decode("utf-8", "replace"))
+    except (ValueError, RecursionError):
         return None
-    whole = isinstance(content, dict) and {"session", "seq"} <= content.keys()
-    return content if whole else None
+    return content if is_line(content) else None
 
 
-def _line(record: Record) -> str:
-    return _dumps(
-        {
-            "session": record.session,
-            "seq": record.seq,
-            "kind": record.kind,
-            "body": json.loads(record.body),
-            "received": record.received,
-        }
-    )
-
-
-def _dumps(line: Mapping[str, Any]) -> str:
-    return json.dumps(line, separators=(",", ":"), ensure_ascii=False) + "\n"
+def _is_of(text: bytes, sessions: Collection[str], marks: Collection[bytes]) -> bool:
+    """Whether a line is one of these sessions', or can't be read and has one of these marks."""
+    line = _parse(text)
+    if line is None:
+        return any(mark in text for mark in marks)
+    return line.get("session") in sessions

@@ -1,9 +1,10 @@
 """What a record of each kind of step may say. Times are in seconds, since the step was shown."""
 
 import json
+import re
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 MAX_BODY = 65536
 """Bytes of the largest request."""
@@ -12,7 +13,15 @@ _Seconds = Annotated[float, Field(ge=0.0, le=1e7, allow_inf_nan=False)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 _Count = Annotated[int, Field(ge=0, le=10**7)]
 _Pixels = Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]
-_Word = Annotated[str, Field(max_length=200)]
+
+
+def _whole_characters(value: Any) -> Any:
+    """A text without halves of characters, which browsers send and nobody can store."""
+    return re.sub("[\ud800-\udfff]", "\ufffd", value) if isinstance(value, str) else value
+
+
+_Text = Annotated[str, BeforeValidator(_whole_characters)]
+_Word = Annotated[_Text, Field(max_length=200)]
 
 
 class _Body(BaseModel):
@@ -68,7 +77,7 @@ class Instructions(_Body):
 class Debrief(_Body):
     """What a participant has to say."""
 
-    remarks: str = Field(default="", max_length=5000)
+    remarks: _Text = Field(default="", max_length=5000)
 
 
 class Plain(_Body):

@@ -2,6 +2,9 @@
 
 import sqlalchemy as sa
 
+SCHEMA = 2
+"""Version of these tables; `migrations` brings older ones to it."""
+
 TABLES = sa.MetaData()
 META = sa.Table(
     "meta",

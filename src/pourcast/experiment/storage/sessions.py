@@ -7,7 +7,7 @@ import hashlib
 import json
 import secrets
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,12 @@ from pourcast.experiment.storage.schema import SESSIONS, TOKENS
 
 OPEN, COMPLETE, DROPPED = "open", "complete", "dropped"
 """States of a session, beside `screened_out` and `failed_check`; dropped if nobody came back."""
+
+DECLINED = "declined"
+"""State of a session of somebody who did not agree to take part, until it is deleted."""
+
+DECLINED_LATER = "declined_later"
+"""State of a session of somebody who agreed first, and did not later: what was given is kept."""
 
 RECRUITED = ("lab", "prolific", "mturk")
 """Entries whose sessions are the study's; `preview` and `simulation` are not."""
@@ -34,6 +40,8 @@ class Session:
     key
         Its name everywhere else, in the journal and in files: never another session's, even where
         numbers begin again in a new database.
+    request
+        Made up by the browser that began it: the same request gets the same session.
     participant
         Code of the participant, the same for the same platform id.
     entry
@@ -43,7 +51,8 @@ class Session:
     group, place
         Which liquids, and which order.
     state
-        `open`, `complete`, `dropped`, `screened_out` or `failed_check`.
+        `open`, `complete`, `dropped`, `screened_out`, `failed_check`, `declined_later`; and
+        `declined` until it is deleted.
     tab
         Browser tab that has the session.
     code
@@ -56,6 +65,7 @@ class Session:
 
     number: int
     key: str
+    request: str
     participant: str
     entry: str
     identifiers: Mapping[str, str]
@@ -134,44 +144,66 @@ def session_by_request(connection: sa.Connection, request: str) -> Session | Non
     return _first_session(connection, SESSIONS.c.request == request)
 
 
-def session_by_token(connection: sa.Connection, token: str) -> Session | None:
-    """The session that a token belongs to, if there is one."""
-    number = connection.scalar(
-        sa.select(TOKENS.c.session).where(TOKENS.c.digest == token_digest(token))
+def session_by_token(
+    connection: sa.Connection, token: str, *, for_update: bool = False
+) -> Session | None:
+    """The session that a token belongs to, if there is one.
+
+    With `for_update` nobody else changes it until the transaction ends.
+    """
+    owner = sa.select(TOKENS.c.session).where(TOKENS.c.digest == token_digest(token))
+    return _first_session(
+        connection, SESSIONS.c.id == owner.scalar_subquery(), for_update=for_update
     )
-    return None if number is None else session_by_number(connection, number)
 
 
-def session_to_resume(connection: sa.Connection, arrival: Arrival) -> int | None:
-    """Number of the session that somebody who comes goes on with; None for a new participant.
+def session_to_resume(connection: sa.Connection, arrival: Arrival) -> Session | None:
+    """The session that somebody who comes goes on with; None for a new participant.
 
     Raises
     ------
     Refusal
-        If they have taken part before (`again`), or were away for too long (`late`).
+        If they have taken part before (`again`).
     """
-    same_request = connection.scalar(
-        sa.select(SESSIONS.c.id).where(SESSIONS.c.request == arrival.request)
-    )
+    same_request = session_by_request(connection, arrival.request)
     if same_request is not None:
-        return int(same_request)
+        return same_request
     if arrival.entry not in RECRUITED or not arrival.participant:
         return None
     rows = connection.execute(
-        sa.select(SESSIONS.c.id, SESSIONS.c.identifiers, SESSIONS.c.state).where(
+        sa.select(SESSIONS).where(
             SESSIONS.c.participant == arrival.participant,
             SESSIONS.c.entry == arrival.entry,
         )
-    ).all()
-    for number, identifiers, state in rows:
-        if json.loads(identifiers) != dict(arrival.identifiers):
-            continue
-        if state == DROPPED:
-            raise Refusal("late")
-        return int(number)
-    if rows:
+    ).mappings()
+    sessions = [_session(row) for row in rows]
+    same = (one for one in sessions if one.identifiers == dict(arrival.identifiers))
+    session = next(same, None)
+    if sessions and session is None:
         raise Refusal("again")
-    return None
+    return session
+
+
+def reopen_session(
+    connection: sa.Connection, session: Session, places: int | None, now: float
+) -> bool:
+    """Let a dropped session go on, whose participant has come back.
+
+    Returns
+    -------
+    bool
+        Whether it could be: not if its place was given to somebody else, and the group is full.
+    """
+    taken = _taken_places(connection, session.entry)[session.group]
+    limited = session.entry in RECRUITED and places is not None
+    if limited and session.place in taken and len(taken) >= (places or 0):
+        return False
+    connection.execute(
+        SESSIONS.update()
+        .where(SESSIONS.c.id == session.number, SESSIONS.c.state == DROPPED)
+        .values(state=OPEN, last_seen=now)
+    )
+    return True
 
 
 def free_place(
@@ -184,19 +216,24 @@ def free_place(
     Refusal
         If all places are taken (`full`).
     """
-    recruited = entry in RECRUITED
-    taken: dict[int, set[int]] = defaultdict(set)
+    taken = _taken_places(connection, entry)
+    group = min(range(groups), key=lambda g: (len(taken[g]), g))
+    if entry in RECRUITED and places is not None and len(taken[group]) >= places:
+        raise Refusal("full")
+    return group, next(k for k in range(len(taken[group]) + 1) if k not in taken[group])
+
+
+def _taken_places(connection: sa.Connection, entry: str) -> dict[int, list[int]]:
+    """Places that people have in each group; one twice if a drop-out came back to it."""
+    taken: dict[int, list[int]] = defaultdict(list)
     for group, place in connection.execute(
         sa.select(SESSIONS.c.group_number, SESSIONS.c.place).where(
-            SESSIONS.c.entry.in_(RECRUITED if recruited else (entry,)),
+            SESSIONS.c.entry.in_(RECRUITED if entry in RECRUITED else (entry,)),
             SESSIONS.c.state.in_((OPEN, COMPLETE)),
         )
     ):
-        taken[group].add(place)
-    group = min(range(groups), key=lambda g: (len(taken[g]), g))
-    if recruited and places is not None and len(taken[group]) >= places:
-        raise Refusal("full")
-    return group, next(k for k in range(len(taken[group]) + 1) if k not in taken[group])
+        taken[group].append(place)
+    return taken
 
 
 def begin_session(
@@ -228,20 +265,20 @@ def insert_session(
     now: float,
 ) -> int:
     """A new session in a given group and place; returns its number."""
-    content = [step.model_dump(exclude_defaults=True) | {"seq": step.seq} for step in steps]
     result = connection.execute(
         SESSIONS.insert().values(
             key=arrival.key or secrets.token_hex(16),
             request=arrival.request,
-            participant=arrival.participant or f"{arrival.entry}-{secrets.token_hex(4)}",
+            participant=arrival.participant
+            or _unused(connection, SESSIONS.c.participant, lambda: _new_code(arrival.entry)),
             entry=arrival.entry,
             identifiers=json.dumps(dict(arrival.identifiers), sort_keys=True),
             group_number=group,
             place=place,
             state=OPEN,
             tab=arrival.tab,
-            code=secrets.token_hex(4).upper(),
-            plan=json.dumps(content, separators=(",", ":")),
+            code=_unused(connection, SESSIONS.c.code, lambda: secrets.token_hex(4).upper()),
+            plan=json.dumps(plan_content(steps), separators=(",", ":")),
             started=now,
             last_seen=now,
         )
@@ -249,6 +286,19 @@ def insert_session(
     key = result.inserted_primary_key
     assert key is not None
     return int(key[0])
+
+
+def plan_content(steps: Sequence[Step]) -> list[dict[str, Any]]:
+    """The steps of a session as JSON's types."""
+    return [step.model_dump(exclude_defaults=True) | {"seq": step.seq} for step in steps]
+
+
+def all_tokens(connection: sa.Connection) -> list[tuple[int, str]]:
+    """Session and digest of all tokens."""
+    rows = connection.execute(
+        sa.select(TOKENS.c.session, TOKENS.c.digest).order_by(TOKENS.c.session)
+    )
+    return [(row.session, row.digest) for row in rows]
 
 
 def claim_session(connection: sa.Connection, session: int, tab: str, now: float) -> None:
@@ -267,6 +317,11 @@ def end_session(connection: sa.Connection, session: int, state: str) -> None:
     )
 
 
+def wait_anew(connection: sa.Connection, now: float) -> None:
+    """Count from now on how long open sessions are away."""
+    connection.execute(SESSIONS.update().where(SESSIONS.c.state == OPEN).values(last_seen=now))
+
+
 def drop_stale_sessions(connection: sa.Connection, largest_gap: float, now: float) -> None:
     """Call open sessions dropped of which nothing was heard for `largest_gap` [s]."""
     connection.execute(
@@ -276,8 +331,26 @@ def drop_stale_sessions(connection: sa.Connection, largest_gap: float, now: floa
     )
 
 
-def _first_session(connection: sa.Connection, where: sa.ColumnElement[bool]) -> Session | None:
-    row = connection.execute(sa.select(SESSIONS).where(where)).mappings().first()
+def _new_code(entry: str) -> str:
+    """A participant's code, for one who has no platform's id."""
+    return f"{entry}-{secrets.token_hex(4)}"
+
+
+def _unused(connection: sa.Connection, column: sa.Column[str], make: Callable[[], str]) -> str:
+    """A word that no other session has: short ones are drawn twice now and then."""
+    words = iter(make, None)
+    return next(
+        word
+        for word in words
+        if connection.scalar(sa.select(sa.func.count()).where(column == word)) == 0
+    )
+
+
+def _first_session(
+    connection: sa.Connection, where: sa.ColumnElement[bool], *, for_update: bool = False
+) -> Session | None:
+    query = sa.select(SESSIONS).where(where)
+    row = connection.execute(query.with_for_update() if for_update else query).mappings().first()
     return None if row is None else _session(row)
 
 
@@ -285,6 +358,7 @@ def _session(row: Mapping[Any, Any]) -> Session:
     return Session(
         number=row["id"],
         key=row["key"],
+        request=row["request"],
         participant=row["participant"],
         entry=row["entry"],
         identifiers=json.loads(row["identifiers"]),

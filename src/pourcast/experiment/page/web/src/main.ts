@@ -1,19 +1,23 @@
 /** The participant's page: begins or resumes a session, runs it, and ends when all is saved. */
+import "./missing";
 import "./page.css";
 
 import { initJsPsych, type JsPsych } from "jspsych";
 
 import { pause, waits } from "./backoff";
+import { makeWord } from "./draws";
 import { Media } from "./media";
+import { recall, remember } from "./memory";
+import { Unreachable } from "./network";
 import { Outbox } from "./outbox";
 import { Sender } from "./sender";
 import { Tabs } from "./tabs";
 import { Timeline } from "./timeline";
 import { makeTransport } from "./transports";
-import { lines } from "./transports/planned";
+import { fileOf } from "./transports/records";
 import { Refused, type Transport } from "./transports/transport";
-import type { End, Farewell, Session } from "./types";
-import { escaped, pageOf } from "./words";
+import type { Body, End, Farewell, Session } from "./types";
+import { escaped, fill, pageOf } from "./words";
 
 /** How long the last page waits for the server before it offers the file [ms]. */
 const PATIENCE = 20_000;
@@ -21,46 +25,41 @@ const PATIENCE = 20_000;
 const page = document.getElementById("page") as HTMLElement;
 
 /** Words that the page itself brings, for when the server can't be reached. */
-const words = page.dataset as { reaching: string; unreachable: string; broken: string };
+const words = page.dataset as { [name in "reaching" | "offline" | "silent" | "failing" | "broken"]: string };
 
 function show(html: string): void {
   page.innerHTML = `<div class="text" role="status">${html}</div>`;
 }
 
-function makeWord(): string {
-  const bytes = crypto.getRandomValues(new Uint8Array(16));
-  return [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+/** What this browser remembers of a link: which request it made, which token it got, how that ended. */
+interface Visit {
+  request?: string;
+  token?: string;
+  end?: End;
 }
 
-/** What this browser remembers of a link: which request it made, which token it got. */
-class Memory {
-  constructor(private key: string) {}
+/** Why answers are not where they belong. */
+type Trouble = { why: Unreachable["why"] | "refused" | "broken" | "file"; cause: string };
 
-  read(): { request?: string; token?: string } {
-    try {
-      return JSON.parse(localStorage.getItem(this.key) ?? "{}") as { request?: string; token?: string };
-    } catch {
-      return {};
-    }
+function troubleOf(error: unknown): Trouble {
+  if (error instanceof Unreachable) return { why: error.why, cause: error.message };
+  if (error instanceof Refused) {
+    const cause = error.text || `${error.reason}, status ${error.status}`;
+    return { why: error.reason === "file" ? "file" : "refused", cause };
   }
-
-  write(content: { request?: string; token?: string }): void {
-    try {
-      localStorage.setItem(this.key, JSON.stringify(content));
-    } catch {
-      // Without it a reload begins anew; nothing that was answered is lost.
-    }
-  }
+  // A defect of the browser's or of ours: whoever reads it can tell us.
+  return { why: "broken", cause: String(error) };
 }
 
+/** Asks until somebody answers: for what passes alone, and saying what it is. */
 async function patiently<T>(ask: () => Promise<T>): Promise<T> {
   const wait = waits();
   for (;;) {
     try {
       return await ask();
     } catch (error) {
-      if (error instanceof Refused) throw error;
-      show(`<p>${escaped(words.unreachable)}</p>`);
+      if (!(error instanceof Unreachable)) throw error;
+      show(`<p>${escaped(fill(words[error.why], { cause: error.message }))}</p>`);
       await pause(wait.next().value);
     }
   }
@@ -68,65 +67,90 @@ async function patiently<T>(ask: () => Promise<T>): Promise<T> {
 
 class Study {
   private tab = makeWord();
-  private memory: Memory;
+  private key: string;
   private tabs: Tabs;
   private transport: Transport;
   private sender: Sender;
   private jsPsych: JsPsych | null = null;
   private ended: End | "moved" | null = null;
+  private current: Session | null = null;
+  /** What made it impossible to go on. */
+  private fault: Error | null = null;
+  /** Whether what the server lacks was sent a second time. */
+  private resent = false;
 
   constructor(
     private outbox: Outbox,
     private link: { [name: string]: string },
   ) {
-    const key = `pourcast ${new URLSearchParams(link).toString()}`;
-    this.memory = new Memory(key);
-    this.tabs = new Tabs(this.tab, key);
+    this.key = `pourcast ${new URLSearchParams(link).toString()}`;
+    this.tabs = new Tabs(this.tab, this.key);
     this.transport = makeTransport(link);
     this.sender = new Sender(outbox, this.transport, this.tab);
   }
 
   async run(): Promise<void> {
-    show(`<p>${escaped(words.reaching)}</p>`);
+    try {
+      await this.visit();
+    } catch (error) {
+      this.giveUp(error);
+    }
+  }
+
+  private async visit(): Promise<void> {
     // What an earlier visit could not send, whosever it was.
     this.sender.start();
     const elsewhere = await this.tabs.elsewhere();
-    let session: Session;
-    let resumed: boolean; // whether there was a session before this page
-    try {
-      [session, resumed] = await this.session();
-    } catch (error) {
-      const said = error instanceof Refused ? error.text : "";
-      show(`<p>${escaped(said || words.broken)}</p>`);
-      return;
-    }
+    // Whether there was a session before this page: it goes on.
+    let [session, resumed] = await this.session();
+    this.current = session;
     document.title = session.texts["page"].title;
     if (session.state !== "open") {
       this.farewell(session, session.state as End, session);
+      this.offerAnew(session);
       return;
     }
     if (elsewhere) await this.askWhere(session);
     this.tabs.onTaken = () => this.moveAway(session);
     this.tabs.take();
-    if (elsewhere || resumed) {
-      // Only now, as the other tab may have answered until it was told.
-      try {
-        session = await this.known(session.token, this.tab);
-      } catch (error) {
-        const said = error instanceof Refused ? error.text : "";
-        show(`<p>${escaped(said || words.broken)}</p>`);
-        return;
-      }
-    }
+    // Only now, as the other tab may have answered until it was told.
+    if (elsewhere || resumed) session = this.current = await this.known(session.token, this.tab);
     this.sender.onSuperseded = (token) => {
       if (token === session.token) this.moveAway(session);
     };
-    await this.play(session, resumed);
+    const end = this.endOf(session);
+    if (end) await this.finish(session, end);
+    else await this.play(session, resumed);
+  }
+
+  /** How a session ended before this page was loaded, if nothing is left but to say so. */
+  private endOf(session: Session): End | undefined {
+    const done = new Set(session.done);
+    if (session.steps.every((step) => done.has(step.seq))) return "complete";
+    const { end } = this.memory;
+    return end === "complete" ? undefined : end;
+  }
+
+  /** Where there is no way on: says why, and offers what was answered. */
+  private giveUp(error: unknown): void {
+    const trouble = troubleOf(error);
+    const session = this.current;
+    if (session && this.outbox.of(session.token).length) this.offerFile(session, trouble);
+    else if (error instanceof Refused && error.text) show(`<p>${escaped(error.text)}</p>`);
+    else show(`<p>${escaped(fill(words.broken, { cause: trouble.cause }))}</p>`);
+  }
+
+  private get memory(): Visit {
+    return recall(this.key) ?? {};
+  }
+
+  private set memory(visit: Visit) {
+    remember(this.key, visit);
   }
 
   /** The session, and whether it goes on; no other tab is told yet. */
   private async session(): Promise<[Session, boolean]> {
-    const known = this.memory.read();
+    const known = this.memory;
     if (known.token) {
       try {
         const session = await this.known(known.token);
@@ -138,9 +162,9 @@ class Study {
     }
     // The same request, posted again, gets the same session.
     const request = (!known.token && known.request) || makeWord();
-    this.memory.write({ request });
+    this.memory = { request };
     const session = await patiently(() => this.transport.begin(request, this.tab));
-    this.memory.write({ request, token: session.token });
+    this.memory = { request, token: session.token };
     return [session, session.done.length > 0];
   }
 
@@ -188,57 +212,89 @@ class Study {
       jsPsych,
       session,
       media,
-      keep: async (seq, body) => {
-        await this.outbox.put(session.token, seq, body);
-        this.sender.start();
-      },
+      keep: (seq, body) => this.keep(session, seq, body),
       stop: (end) => this.stop(end),
-      beginAnew: () => {
-        // What the one before has not sent yet stays in the outbox, and is sent.
-        this.memory.write({});
-        location.reload();
-      },
+      beginAnew: () => this.beginAnew(),
     }).build(resumed && session.done.length > 0);
     if (session.simulated) {
       const mode = this.link["mode"] === "visual" ? "visual" : "data-only";
       await jsPsych.simulate(timeline, mode, {});
     } else await jsPsych.run(timeline);
+    if (this.fault) throw this.fault;
     if (this.ended === "moved") this.sayMoved(session);
     else await this.finish(session, this.ended ?? "complete");
   }
 
+  /** Keeps a record in the browser; from there it is sent. A page that can't do that is ended. */
+  private async keep(session: Session, seq: number, body: Body): Promise<void> {
+    try {
+      await this.outbox.put(session.token, seq, body);
+      this.sender.start();
+    } catch (error) {
+      this.fault = error instanceof Error ? error : new Error(String(error));
+      this.jsPsych?.abortExperiment();
+    }
+  }
+
+  private beginAnew(): void {
+    // What the one before has not sent yet stays in the outbox, and is sent.
+    this.memory = {};
+    location.reload();
+  }
+
   /** The last page waits for the network, and only it. */
   private async finish(session: Session, end: End): Promise<void> {
-    const texts = session.texts;
+    // A page that is loaded again waits on, and asks nothing more.
+    this.memory = { ...this.memory, end };
     this.tabs.release();
-    show(`<p>${escaped(texts["page"].saving)}</p>`);
-    const patience = setTimeout(() => this.offerFile(session), PATIENCE);
+    show(`<p>${escaped(session.texts["page"].saving)}</p>`);
+    let trouble = new Unreachable("silent", "");
+    const offer = () => this.offerFile(session, troubleOf(this.sender.trouble ?? trouble));
+    const patience = setTimeout(offer, PATIENCE);
     const wait = waits();
-    for (;;) {
-      await this.sender.flushed();
-      try {
-        const said = await this.transport.finish(session.token, end, this.outbox.of(session.token));
-        if (!said.missing.length) {
-          clearTimeout(patience);
-          await this.outbox.forget(session.token);
-          this.farewell(session, end, { code: said.code ?? "", redirect: said.redirect ?? "" });
-          return;
-        }
-        this.sender.resend(session.token, said.missing);
-      } catch (error) {
-        if (error instanceof Refused) {
-          clearTimeout(patience);
-          this.offerFile(session, error.reason === "file" ? "file" : "offline");
-          return;
-        }
-      }
-      await pause(wait.next().value);
+    try {
+      while (!(await this.isOver(session, end, (met) => (trouble = met)))) await pause(wait.next().value);
+    } finally {
+      clearTimeout(patience);
     }
+  }
+
+  /** Whether a session's end, and all that belongs to it, are where they belong. */
+  private async isOver(session: Session, end: End, met: (trouble: Unreachable) => void): Promise<boolean> {
+    await this.sender.flushed();
+    try {
+      const entries = this.outbox.of(session.token);
+      const said = await this.transport.finish(session.token, end, entries, this.tab);
+      if (said.missing.length) return this.supply(session, said.missing);
+      if (said.state === "open" || said.state === "dropped") {
+        this.sayMoved(session); // another tab has it, and goes on
+        return true;
+      }
+      await this.outbox.forget(session.token);
+      const way = { code: said.code ?? "", redirect: said.redirect ?? "" };
+      this.farewell(session, (said.state as End | undefined) ?? end, way);
+      return true;
+    } catch (error) {
+      if (!(error instanceof Unreachable)) throw error;
+      met(error);
+      return false;
+    }
+  }
+
+  /** Sends what is missing once more. What is not here either is asked again. */
+  private supply(session: Session, missing: number[]): false {
+    const refusal = this.sender.refusal(session.token);
+    if (refusal && this.resent) throw refusal;
+    const own = this.outbox.of(session.token);
+    if (!own.some((entry) => missing.includes(entry.seq))) location.reload();
+    this.resent = true;
+    this.sender.resend(session.token, missing);
+    return false;
   }
 
   private farewell(session: Session, end: End, way: Partial<Farewell>): void {
     const texts = session.texts;
-    if (session.entry === "lab" || end === "declined") this.memory.write({});
+    if (session.entry === "lab" || end === "declined") this.memory = {};
     const parts = [
       end === "complete"
         ? pageOf(texts["end"].title, texts["end"].body)
@@ -254,21 +310,41 @@ class Study {
     page.dataset["state"] = end;
   }
 
-  private offerFile(session: Session, why: "offline" | "file" = "offline"): void {
+  /** The answers as a file, and what became of them. */
+  private offerFile(session: Session, { why, cause }: Trouble): void {
     const texts = session.texts["end"];
+    const isTrying = why === "offline" || why === "silent" || why === "failing";
+    const parts = [
+      why === "file" ? "" : fill(texts[why], { cause }),
+      this.outbox.survives ? texts.kept : texts.kept_in_page,
+      isTrying ? texts.meanwhile : texts.file,
+    ];
+    const said = parts.filter(Boolean).map((part) => `<p>${escaped(part)}</p>`);
     show(
-      `<h1>${escaped(texts.title)}</h1><p>${escaped(texts[why])}</p>
+      `<h1>${escaped(texts.title)}</h1>${said.join("")}
        <p>${escaped(texts.offline_code)} <strong class="code">${escaped(session.code)}</strong></p>
-       <p><a class="jspsych-btn" download="pourcast-${escaped(session.code)}.jsonl">${escaped(texts.download)}</a></p>`,
+       <p><a class="jspsych-btn" download="pourcast-${escaped(session.code)}.json">${escaped(texts.download)}</a></p>`,
     );
-    const content = lines(
+    const file = fileOf(
       this.transport.opening(session),
-      session.key,
+      session.steps,
       this.outbox.of(session.token),
     );
     const link = page.querySelector("a") as HTMLAnchorElement;
-    link.href = URL.createObjectURL(new Blob([content], { type: "application/jsonl" }));
+    link.href = URL.createObjectURL(new Blob([file], { type: "application/json" }));
     page.dataset["state"] = why;
+    this.offerAnew(session);
+  }
+
+  /** At a computer that several people use, the next one can begin. */
+  private offerAnew(session: Session): void {
+    const isShared = session.entry === "lab" || session.entry === "preview" || !Object.keys(this.link).length;
+    if (!isShared) return;
+    const button = document.createElement("button");
+    button.className = "jspsych-btn";
+    button.textContent = session.texts.resume.anew;
+    button.addEventListener("click", () => this.beginAnew());
+    page.firstElementChild?.append(button);
   }
 }
 
@@ -279,9 +355,16 @@ const PARAMETERS = new Set([
 ]);
 
 async function main(): Promise<void> {
-  const given = [...new URLSearchParams(location.search)];
-  const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));
-  await new Study(await Outbox.open(), link).run();
+  // start.ts has said that this browser is too old.
+  if (!("replaceChildren" in page)) return;
+  show(`<p>${escaped(words.reaching)}</p>`);
+  try {
+    const given = [...new URLSearchParams(location.search)];
+    const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));
+    await new Study(await Outbox.open(), link).run();
+  } catch (error) {
+    show(`<p>${escaped(fill(words.broken, { cause: String(error) }))}</p>`);
+  }
 }
 
 void main();

@@ -1,6 +1,7 @@
 /** Pictures and films, fetched ahead, a few at a time, and again if they stall. */
 
 import { pause, waits } from "./backoff";
+import { askForFile, isPassing } from "./network";
 
 const PARALLEL = 3;
 const TIMEOUT = 30_000;
@@ -10,6 +11,8 @@ export class Media {
   private fetching = new Set<string>();
   private urls = new Map<string, string>();
   private waiting = new Map<string, ((url: string) => void)[]>();
+  /** Files that the server said it has not, when it was asked last. */
+  private missing = new Set<string>();
 
   constructor(private source: (name: string) => string) {}
 
@@ -33,6 +36,11 @@ export class Media {
     });
   }
 
+  /** Whether a file is not on its way, as the server has none of that name. */
+  lacks(name: string): boolean {
+    return this.missing.has(name);
+  }
+
   private pump(): void {
     while (this.fetching.size < PARALLEL && this.queue.length) {
       const name = this.queue.shift() as string;
@@ -52,8 +60,12 @@ export class Media {
     const wait = waits();
     for (;;) {
       try {
-        const answer = await fetch(this.source(name), { signal: AbortSignal.timeout(TIMEOUT) });
-        if (answer.ok) return URL.createObjectURL(await answer.blob());
+        const { status, ok, content } = await askForFile(this.source(name), TIMEOUT);
+        if (ok) {
+          this.missing.delete(name);
+          return URL.createObjectURL(content);
+        }
+        if (!isPassing(status)) this.missing.add(name);
       } catch {
         // Stalled or offline: again.
       }

@@ -4,6 +4,7 @@
  */
 import { openDB, type IDBPDatabase, type IDBPObjectStore } from "idb";
 
+import { TooLate, within } from "./backoff";
 import type { Body } from "./types";
 
 export interface Entry {
@@ -15,32 +16,50 @@ export interface Entry {
 
 const STORE = "records";
 
+/** How long the browser's database may take to answer [ms]; some never do (Safari 14, private windows). */
+const PATIENCE = 3000;
+
 type Store = IDBPObjectStore<unknown, [typeof STORE], typeof STORE, "readwrite">;
 
 export class Outbox {
   private memory = new Map<string, Entry>();
+  private patience = PATIENCE;
 
-  private constructor(private database: IDBPDatabase | null) {}
+  private constructor(private database: IDBPDatabase | null) {
+    this.survives = database !== null;
+  }
+
+  /** Whether the browser has kept all so far, so that a reload loses nothing. */
+  survives: boolean;
 
   /** Opens the browser's database; where it has none (private windows), the page's memory. */
   static async open(): Promise<Outbox> {
     try {
-      const database = await openDB("pourcast", 1, {
+      const opening = openDB("pourcast", 1, {
         upgrade: (fresh) => {
           fresh.createObjectStore(STORE, { keyPath: ["session", "seq"] });
         },
       });
-      const outbox = new Outbox(database);
-      await outbox.refresh();
+      const outbox = new Outbox(await within(opening, PATIENCE));
+      await outbox.read();
       return outbox;
     } catch {
       return new Outbox(null);
     }
   }
 
-  /** Takes in what other tabs have kept since. */
+  /** Takes in what other tabs have kept since; nothing, where the browser's database fails. */
   async refresh(): Promise<void> {
-    const all = ((await this.database?.getAll(STORE)) ?? []) as Entry[];
+    try {
+      await this.read();
+    } catch (error) {
+      this.fail(error);
+    }
+  }
+
+  private async read(): Promise<void> {
+    const reading = this.database?.getAll(STORE) ?? Promise.resolve([]);
+    const all = (await within(reading, this.patience)) as Entry[];
     for (const entry of all) {
       const key = keyOf(entry.session, entry.seq);
       if (!this.memory.has(key)) this.memory.set(key, entry);
@@ -91,23 +110,32 @@ export class Outbox {
 
   /** Forgets a session that is saved to its end. */
   async forget(session: string): Promise<void> {
-    for (const entry of this.of(session)) {
-      this.memory.delete(keyOf(session, entry.seq));
-      await this.database?.delete(STORE, [session, entry.seq]).catch(() => undefined);
-    }
+    const entries = this.of(session);
+    for (const entry of entries) this.memory.delete(keyOf(session, entry.seq));
+    await this.change(async (store) => {
+      for (const entry of entries) await store.delete([session, entry.seq]);
+    });
   }
 
-  /** Changes the disk in one transaction; without a disk, or with a full one, nothing is done. */
+  /**
+   * Changes the disk in one transaction. Without a disk, or with a full one, nothing is done: the
+   * record is in memory, and on its way to the server. One that does not answer is waited for once.
+   */
   private async change<T>(work: (store: Store) => Promise<T>): Promise<T | undefined> {
     try {
       const change = this.database?.transaction(STORE, "readwrite", { durability: "strict" });
       if (!change) return undefined;
-      const [result] = await Promise.all([work(change.store), change.done]);
+      const [result] = await within(Promise.all([work(change.store), change.done]), this.patience);
       return result;
-    } catch {
-      // The browser's disk is full: the record is in memory, and on its way to the server.
+    } catch (error) {
+      this.fail(error);
       return undefined;
     }
+  }
+
+  private fail(error: unknown): void {
+    this.survives = false;
+    if (error instanceof TooLate) this.patience = 0;
   }
 }
 

@@ -9,7 +9,9 @@ export class Sender {
   private running = false;
   private wake: () => void = () => undefined;
   private idle: (() => void)[] = [];
-  private refused = new Set<Entry>();
+  private refused = new Map<Entry, Refused>();
+  /** Why what waits was not sent when it was tried last; nothing, when it was. */
+  trouble: unknown = undefined;
 
   /** Called when another tab has the session; not for what was posted before this was set. */
   onSuperseded: (session: string) => void = () => undefined;
@@ -42,6 +44,11 @@ export class Sender {
       if (missing.includes(entry.seq)) this.refused.delete(entry);
   }
 
+  /** Why a record of a session was refused for good, if one was. */
+  refusal(session: string): Refused | undefined {
+    return [...this.refused].find(([entry]) => entry.session === session)?.[1];
+  }
+
   private next(): Entry | undefined {
     return this.outbox.unsaved().find((entry) => !this.refused.has(entry));
   }
@@ -57,9 +64,11 @@ export class Sender {
         await this.outbox.markSaved(entry);
         if (said.superseded) onSuperseded(entry.session);
         wait = waits(LONGEST_WAIT);
+        this.trouble = undefined;
       } catch (error) {
+        this.trouble = error;
         // Whoever is refused stays in the browser, for the file; all others are tried for ever.
-        if (error instanceof Refused && error.status !== 429) this.refused.add(entry);
+        if (error instanceof Refused && error.status !== 429) this.refused.set(entry, error);
         else await this.pause(wait.next().value);
       }
     }

@@ -1,11 +1,12 @@
 /** Two tabs of one participant: the later one is told of the earlier, and may take over. */
+import { forget, remember } from "./memory";
 
 const PATIENCE = 400;
 
 type Said = { kind: "anybody" | "here" | "mine"; tab: string; key: string; at: number };
 
 export class Tabs {
-  private channel: BroadcastChannel | null;
+  private post: (said: Said) => void;
   private holds = false;
   /** When this tab took the study [ms]: messages may cross, or come late to a tab that sleeps. */
   private at = 0;
@@ -20,13 +21,11 @@ export class Tabs {
     private tab: string,
     private key: string,
   ) {
-    this.channel = openChannel();
-    this.channel?.addEventListener("message", (event) => this.heard(event.data as Said));
+    this.post = openChannel((said) => this.heard(said));
   }
 
   /** Whether another tab has the study open. */
   elsewhere(): Promise<boolean> {
-    if (!this.channel) return Promise.resolve(false);
     return new Promise((resolve) => {
       const timer = setTimeout(() => resolve(false), PATIENCE);
       this.answered = () => {
@@ -66,15 +65,39 @@ export class Tabs {
   }
 
   private say(kind: Said["kind"]): void {
-    this.channel?.postMessage({ kind, tab: this.tab, key: this.key, at: this.at } satisfies Said);
+    this.post({ kind, tab: this.tab, key: this.key, at: this.at });
   }
 }
 
-/** None where the browser has none, or forbids it, as Firefox does where cookies are blocked. */
-function openChannel(): BroadcastChannel | null {
+const NAME = "pourcast";
+
+/** How a tab speaks to the others; `heard` is told what they say. */
+function openChannel(heard: (said: Said) => void): (said: Said) => void {
   try {
-    return new BroadcastChannel("pourcast");
+    const channel = new BroadcastChannel(NAME);
+    channel.addEventListener("message", (event) => heard(event.data as Said));
+    return (said) => {
+      // It is no window, and has no other origin.
+      // oxlint-disable-next-line unicorn/require-post-message-target-origin
+      channel.postMessage(said);
+    };
   } catch {
-    return null;
+    return openStorage(heard);
   }
+}
+
+/**
+ * The same through local storage, which tells other tabs of its changes: Safari before 15.4 has no
+ * channels. Where cookies are blocked nobody hears anything: then the server alone tells two tabs.
+ */
+function openStorage(heard: (said: Said) => void): (said: Said) => void {
+  const name = `${NAME} tabs`;
+  window.addEventListener("storage", (event) => {
+    if (event.key === name && event.newValue) heard(JSON.parse(event.newValue) as Said);
+  });
+  return (said) => {
+    remember(name, said);
+    // Or the same words, said once more, would be no change.
+    forget(name);
+  };
 }

@@ -27,7 +27,7 @@ interface GoalTexts {
 }
 
 export interface Texts {
-  page: { title: string; continue: string; back: string; loading: string; loading_slow: string; saving: string };
+  page: { title: string; continue: string; back: string; loading: string; loading_slow: string; loading_missing: string; saving: string };
   consent: Titled & { contact: string; agree: string; agree_button: string; decline_button: string };
   check: Titled & { too_small: string; again: string; leave: string };
   fullscreen: Buttoned;
@@ -53,9 +53,26 @@ export interface Texts {
     redirect: string;
     close: string;
     offline: string;
+    silent: string;
+    failing: string;
+    refused: string;
+    broken: string;
+    kept: string;
+    kept_in_page: string;
+    meanwhile: string;
     file: string;
     offline_code: string;
     download: string;
+  };
+  /** Why a service that collects answers does not take them. */
+  collecting: {
+    inactive: string;
+    unknown: string;
+    limit: string;
+    invalid: string;
+    storage: string;
+    large: string;
+    other: string;
   };
   resume: Buttoned & { anew: string };
   tabs: Buttoned & { moved: string };

@@ -295,7 +295,10 @@ export class Timeline {
         holder.className = "waiting";
         holder.setAttribute("role", "status");
         const soon = setTimeout(() => (holder.textContent = page.loading), 500);
-        const late = setTimeout(() => (holder.textContent = page.loading_slow), SLOW);
+        const late = setTimeout(() => {
+          const missing = this.around.media.lacks(name());
+          holder.textContent = missing ? page.loading_missing : page.loading_slow;
+        }, SLOW);
         this.around.jsPsych.getDisplayElement().replaceChildren(holder);
         void this.around.media.get(name()).then((url) => {
           clearTimeout(soon);

@@ -57,6 +57,7 @@ export interface Farewell {
   redirect: string;
 }
 
+/** How a page ends a session; a server can say that it ended otherwise: `stop` has the words. */
 export type End = "complete" | "declined" | "screened_out" | "failed_check";
 
 /** How an observer that is simulated answers the judgments, by the step's number. */

@@ -2,7 +2,7 @@
 
 export function fill(text: string, values: { [name: string]: string | number }): string {
   return text.replace(/\{(\w+)\}/g, (whole, name: string) =>
-    Object.hasOwn(values, name) ? String(values[name]) : whole,
+    Object.prototype.hasOwnProperty.call(values, name) ? String(values[name]) : whole,
   );
 }
 

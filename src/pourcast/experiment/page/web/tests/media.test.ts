@@ -80,6 +80,33 @@ describe("files", () => {
   );
 });
 
+describe("a file", () => {
+  it("that the server has not is told from one that is on its way, until it is there", async () => {
+    const network = new Network();
+    const media = new Media((name) => name);
+    const got = media.get("a");
+    await network.answer("a", new TypeError("Failed to fetch"));
+    expect(media.lacks("a")).toBe(false);
+    await vi.advanceTimersByTimeAsync(500);
+    await network.answer("a", new Response("", { status: 503 }));
+    expect(media.lacks("a")).toBe(false);
+    await vi.advanceTimersByTimeAsync(1000);
+    await network.answer("a", new Response("", { status: 404 }));
+    expect(media.lacks("a")).toBe(true);
+    await vi.advanceTimersByTimeAsync(2000);
+    await network.answer("a");
+    await got;
+    expect(media.lacks("a")).toBe(false);
+  });
+
+  it("that never comes is asked for anew", async () => {
+    const network = new Network();
+    void new Media((name) => name).get("a");
+    await vi.advanceTimersByTimeAsync(31_000);
+    expect(network.asked).toEqual(["a", "a"]);
+  });
+});
+
 describe("waits", () => {
   it("double up to the longest, and never end", () => {
     const wait = waits(3000);

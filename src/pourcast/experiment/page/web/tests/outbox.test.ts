@@ -1,6 +1,6 @@
 /** What was answered is neither lost nor doubled, whatever becomes of the browser's database. */
 import * as fc from "fast-check";
-import { IDBFactory, IDBObjectStore } from "fake-indexeddb";
+import { IDBFactory, IDBObjectStore, IDBOpenDBRequest, IDBRequest } from "fake-indexeddb";
 import { describe, expect, it, vi } from "vitest";
 
 import { Outbox, type Entry } from "../src/outbox";
@@ -130,6 +130,9 @@ describe("a browser whose database fails", () => {
     expect(outbox.of("s")).toEqual([]);
   }
 
+  /** A request that is never answered. */
+  const silent = () => new IDBRequest() as never;
+
   it("has none", async () => {
     vi.stubGlobal("indexedDB", undefined);
     await worksInMemory(await Outbox.open());
@@ -160,6 +163,39 @@ describe("a browser whose database fails", () => {
     await worksInMemory(await Outbox.open());
   });
 
+  it("never answers when it is opened, as Safari 14 on its first page", async () => {
+    vi.useFakeTimers({ toFake: ["setTimeout", "clearTimeout"] });
+    vi.spyOn(IDBFactory.prototype, "open").mockImplementation(() => new IDBOpenDBRequest());
+    const opening = Outbox.open();
+    await vi.advanceTimersByTimeAsync(5000);
+    const outbox = await opening;
+    expect(outbox.survives).toBe(false);
+    await worksInMemory(outbox);
+  });
+
+  it("never answers when it is read", async () => {
+    vi.useFakeTimers({ toFake: ["setTimeout", "clearTimeout"] });
+    vi.spyOn(IDBObjectStore.prototype, "getAll").mockImplementation(silent);
+    const opening = Outbox.open();
+    await vi.waitFor(() => expect(vi.getTimerCount()).toBe(1));
+    await vi.advanceTimersByTimeAsync(5000);
+    await worksInMemory(await opening);
+  });
+
+  it("never answers when it is written: it is waited for once", async () => {
+    const outbox = await Outbox.open();
+    expect(outbox.survives).toBe(true);
+    vi.useFakeTimers({ toFake: ["setTimeout", "clearTimeout"] });
+    for (const name of ["get", "add", "put", "delete"] as const)
+      vi.spyOn(IDBObjectStore.prototype, name).mockImplementation(silent);
+    const first = outbox.put("s", 1, { x: 2 });
+    await vi.advanceTimersByTimeAsync(5000);
+    await first;
+    expect(outbox.survives).toBe(false);
+    vi.useRealTimers();
+    await worksInMemory(outbox);
+  });
+
   it("has a full disk", async () => {
     const outbox = await Outbox.open();
     await outbox.put("another", 9, { x: 9 });
@@ -170,6 +206,7 @@ describe("a browser whose database fails", () => {
     vi.spyOn(IDBObjectStore.prototype, "add").mockImplementation(full);
     await outbox.markSaved(outbox.unsaved()[0] as Entry);
     await worksInMemory(outbox);
+    expect(outbox.survives).toBe(false);
   });
 
   it("has a full disk for a while: the first record of a step stays all the same", async () => {

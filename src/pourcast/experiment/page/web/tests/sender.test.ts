@@ -177,6 +177,21 @@ describe("a server that is down", () => {
     expect(outbox.unsaved()).toHaveLength(1);
   });
 
+  it("has its trouble told, and no more when it is over", async () => {
+    const trouble = new Error("status 503");
+    const server = new Server(async (nth, keep) => {
+      if (nth === 0) throw trouble;
+      return fine(nth, keep);
+    });
+    const sender = senderOf(await memoryWith(0), server);
+    const flushed = sender.flushed();
+    await vi.advanceTimersByTimeAsync(0);
+    expect(sender.trouble).toBe(trouble);
+    await vi.runAllTimersAsync();
+    await flushed;
+    expect(sender.trouble).toBeUndefined();
+  });
+
   it("isn't asked by all participants at the same moments", async () => {
     const draw = vi.spyOn(Math, "random");
     for (const [drawn, wait] of [[0, 250], [0.5, 375], [1, 500]] as const) {
@@ -236,6 +251,21 @@ describe("a refusal", () => {
     expect(server.numbers).toEqual([0, 1]);
     // It stays in the browser, for the file.
     expect(outbox.unsaved().map((entry) => entry.seq)).toEqual([0]);
+  });
+
+  it("is told of, with its session and its cause, until the record is taken", async () => {
+    const outbox = await memoryWith(0, 1);
+    const server = new Server(async (nth, keep) => {
+      if (nth === 0) throw new Refused("broken", 413);
+      return fine(nth, keep);
+    });
+    const sender = senderOf(outbox, server);
+    await sender.flushed();
+    expect(sender.refusal("s")).toMatchObject({ status: 413 });
+    expect(sender.refusal("another")).toBeUndefined();
+    sender.resend("s", [0]);
+    await sender.flushed();
+    expect(sender.refusal("s")).toBeUndefined();
   });
 
   it("429 means later", async () => {

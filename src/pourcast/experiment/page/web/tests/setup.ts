@@ -7,6 +7,7 @@ import { afterEach, beforeEach, vi } from "vitest";
 beforeEach(() => {
   globalThis.indexedDB = new IDBFactory();
   localStorage.clear();
+  history.replaceState(null, "");
   document.body.replaceChildren();
 });
 

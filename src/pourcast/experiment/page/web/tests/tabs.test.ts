@@ -202,13 +202,55 @@ describe("whatever the order of messages", () => {
 });
 
 describe("a browser without channels", () => {
-  it("has one tab only, as far as the page knows", async () => {
+  const alone = async (tabs: Tabs) => {
+    tabs.take();
+    const elsewhere = tabs.elsewhere();
+    await vi.runAllTimersAsync();
+    return !(await elsewhere);
+  };
+
+  function withoutChannels(): void {
     vi.stubGlobal("BroadcastChannel", undefined);
     // @ts-expect-error: a browser that never heard of it
     delete globalThis.BroadcastChannel;
-    const tabs = new Tabs("a", "study");
-    tabs.take();
-    expect(await tabs.elsewhere()).toBe(false);
+  }
+
+  /** Other tabs are told of what is stored; here they share a window. */
+  function tellOfStorage(): void {
+    const set = localStorage.setItem.bind(localStorage);
+    const was = new Map<string, string>();
+    vi.stubGlobal("localStorage", {
+      getItem: localStorage.getItem.bind(localStorage),
+      setItem: (key: string, newValue: string) => {
+        set(key, newValue);
+        if (was.get(key) !== newValue) window.dispatchEvent(new StorageEvent("storage", { key, newValue }));
+        was.set(key, newValue);
+      },
+      removeItem: (key: string) => {
+        was.delete(key);
+        window.dispatchEvent(new StorageEvent("storage", { key, newValue: null }));
+      },
+    });
+  }
+
+  it("has one tab only, as far as the page knows, where it stores nothing either", async () => {
+    withoutChannels();
+    vi.stubGlobal("localStorage", undefined);
+    expect(await alone(new Tabs("a", "study"))).toBe(true);
+  });
+
+  it("tells two tabs by what it stores, as often as they ask", async () => {
+    withoutChannels();
+    tellOfStorage();
+    const first = new Tabs("a", "study");
+    first.onTaken = vi.fn<() => void>();
+    expect(await alone(first)).toBe(true);
+    const second = new Tabs("b", "study");
+    expect(await second.elsewhere()).toBe(true);
+    expect(await second.elsewhere()).toBe(true);
+    vi.advanceTimersByTime(1000);
+    second.take();
+    expect(first.onTaken).toHaveBeenCalledOnce();
   });
 
   it("or that forbids them, as Firefox does where cookies are blocked, still shows the page", async () => {
@@ -216,9 +258,7 @@ describe("a browser without channels", () => {
       throw new DOMException("The operation is insecure.", "SecurityError");
     });
     vi.stubGlobal("BroadcastChannel", forbidden);
-    const tabs = new Tabs("a", "study");
-    tabs.take();
-    expect(await tabs.elsewhere()).toBe(false);
+    expect(await alone(new Tabs("a", "study"))).toBe(true);
     expect(forbidden).toHaveBeenCalledOnce();
   });
 });

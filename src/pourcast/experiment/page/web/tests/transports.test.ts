@@ -3,12 +3,15 @@ import * as fc from "fast-check";
 import { describe, expect, it, vi } from "vitest";
 
 import type { Entry } from "../src/outbox";
+import { isPassing, Unreachable } from "../src/network";
 import { makeTransport } from "../src/transports";
 import { JatosTransport } from "../src/transports/jatos";
-import { farewellOf, lines, missingOf, openingOf, sessionOf } from "../src/transports/planned";
+import { farewellOf, missingOf, openingOf, sessionOf } from "../src/transports/planned";
+import { fileOf, FORMAT, lineOf } from "../src/transports/records";
 import { ServerTransport } from "../src/transports/server";
 import { StaticTransport } from "../src/transports/static";
-import { isPassing, Refused, type Transport } from "../src/transports/transport";
+import { Refused, type Transport } from "../src/transports/transport";
+import type { Session, Step } from "../src/types";
 import { JatosHost, OurServer, planOf, STEPS, WebHost, type Network } from "./hosts";
 
 interface Made {
@@ -45,6 +48,12 @@ async function refusal(asked: Promise<unknown>): Promise<Refused> {
   const error: unknown = await asked.then(() => null, (reason: unknown) => reason);
   expect(error).toBeInstanceOf(Refused);
   return error as Refused;
+}
+
+async function failure(asked: Promise<unknown>): Promise<Unreachable> {
+  const error: unknown = await asked.then(() => null, (reason: unknown) => reason);
+  expect(error).toBeInstanceOf(Unreachable);
+  return error as Unreachable;
 }
 
 describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => {
@@ -93,7 +102,7 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
     const transport = make().page();
     const { token } = await transport.begin("request-1", "tab");
     const entries = await saveAll(transport, token);
-    const ended = await transport.finish(token, "complete", entries);
+    const ended = await transport.finish(token, "complete", entries, "tab");
     expect(ended).toEqual({ missing: [], code: "DONE1", redirect: "https://app.example.org/?cc=DONE1" });
   });
 
@@ -101,17 +110,17 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
     const transport = make().page();
     const { token } = await transport.begin("request-1", "tab");
     const entries = await saveAll(transport, token, [1]);
-    const said = await transport.finish(token, "complete", entries);
+    const said = await transport.finish(token, "complete", entries, "tab");
     expect(new Set(said.missing)).toEqual(new Set([0, 2]));
     expect(said.code).toBeUndefined();
     entries.push(...(await saveAll(transport, token, [0, 2])));
-    expect(await transport.finish(token, "complete", entries)).toMatchObject({ missing: [], code: "DONE1" });
+    expect(await transport.finish(token, "complete", entries, "tab")).toMatchObject({ missing: [], code: "DONE1" });
   });
 
   it("ends a session of somebody who declined, without a code", async () => {
     const transport = make().page();
     const { token } = await transport.begin("request-1", "tab");
-    expect(await transport.finish(token, "declined", [])).toEqual({ missing: [], code: "", redirect: "" });
+    expect(await transport.finish(token, "declined", [], "tab")).toEqual({ missing: [], code: "", redirect: "" });
   });
 
   it("opens the file that a participant downloads", async () => {
@@ -125,24 +134,71 @@ describe.each(Object.keys(MEMBERS))("the contract of transports: %s", (name) => 
     expect(make().page().mediaUrl("a.png")).toBe("media/a.png");
   });
 
-  it.each(["unreachable", 500, 502, 503, 408, 429, "nonsense"] as const)(
-    "takes %s for a fault that passes: whoever asks again gets the session",
-    async (fault) => {
-      const { network, page } = make();
-      network.failures = [fault];
-      const transport = page();
-      const error: unknown = await transport.begin("request-1", "tab").catch((reason: unknown) => reason);
-      expect(error).toBeInstanceOf(Error);
-      expect(error).not.toBeInstanceOf(Refused);
-      const { token } = await transport.begin("request-1", "tab");
-      await saveAll(transport, token);
-      network.failures = [fault];
-      const resumed = page();
-      const again: unknown = await resumed.resume(token, "tab").catch((reason: unknown) => reason);
-      expect(again).not.toBeInstanceOf(Refused);
-      expect((await resumed.resume(token, "tab")).token).toBe(token);
-    },
-  );
+  it.each([
+    ["unreachable", "offline"],
+    [500, "failing"],
+    [502, "failing"],
+    [503, "failing"],
+    [408, "failing"],
+    [429, "failing"],
+    ["nonsense", "failing"],
+  ] as const)("takes %s for a fault that passes: whoever asks again gets the session", async (fault, why) => {
+    const { network, page } = make();
+    network.failures = [fault];
+    const transport = page();
+    expect((await failure(transport.begin("request-1", "tab"))).why).toBe(why);
+    const { token } = await transport.begin("request-1", "tab");
+    await saveAll(transport, token);
+    network.failures = [fault];
+    const resumed = page();
+    expect((await failure(resumed.resume(token, "tab"))).why).toBe(why);
+    expect((await resumed.resume(token, "tab")).token).toBe(token);
+  });
+
+  it("gives up who keeps silent, and asks anew", async () => {
+    const { network, page } = make();
+    vi.useFakeTimers({ toFake: ["setTimeout", "clearTimeout"] });
+    network.failures = ["silent"];
+    const transport = page();
+    const asked = failure(transport.begin("request-1", "tab"));
+    await vi.advanceTimersByTimeAsync(60_000);
+    expect((await asked).why).toBe("silent");
+    const begun = transport.begin("request-1", "tab");
+    await vi.advanceTimersByTimeAsync(1000);
+    expect((await begun).state).toBe("open");
+  });
+
+  it("works in browsers without AbortSignal.timeout", async () => {
+    vi.spyOn(AbortSignal, "timeout").mockImplementation(() => {
+      throw new TypeError("AbortSignal.timeout is not a function");
+    });
+    const transport = make().page();
+    const { token } = await transport.begin("request-1", "tab");
+    const entries = await saveAll(transport, token);
+    expect(await transport.finish(token, "complete", entries, "tab")).toMatchObject({ code: "DONE1" });
+  });
+
+  it("does not take a defect for the network", async () => {
+    const transport = make().page();
+    vi.stubGlobal("AbortController", undefined);
+    const error: unknown = await transport.begin("request-1", "tab").catch((reason: unknown) => reason);
+    expect(error).toBeInstanceOf(Error);
+    expect(error).not.toBeInstanceOf(Unreachable);
+  });
+
+  it("says in the file whose answers these are, and of what kind each is", async () => {
+    const transport = make().page();
+    const session = await transport.begin("request-1", "tab");
+    const file = fileOf(transport.opening(session), session.steps, entriesOf(session.token, ALL));
+    const [opening, ...records] = JSON.parse(file) as { [key: string]: unknown }[];
+    expect(opening).toEqual({ ...transport.opening(session) });
+    const kinds = new Map(session.steps.map((step) => [step.seq, step.kind]));
+    for (const record of records) {
+      expect(record).toMatchObject({ session: session.key, trial_type: "pourcast" });
+      expect(record["kind"]).toBe(kinds.get(record["seq"] as number));
+    }
+    expect(records).toHaveLength(3);
+  });
 });
 
 describe("the folder of transports", () => {
@@ -165,13 +221,13 @@ describe("our server", () => {
     const { token } = await transport.begin("request-1", "tab-1");
     await transport.save(token, 1, { response: 0.5 }, "tab-1");
     await transport.resume(token, "tab-2");
-    await transport.finish(token, "screened_out");
+    await transport.finish(token, "screened_out", [], "tab-2");
     const asked = network.requests.map(({ method, url, content }) => ({ method, url, content }));
     expect(asked).toEqual([
       { method: "POST", url: "api/sessions", content: { request: "request-1", tab: "tab-1", link: LINK } },
       { method: "PUT", url: "api/session/records/1", content: { tab: "tab-1", body: { response: 0.5 } } },
       { method: "POST", url: "api/session/resume", content: { tab: "tab-2" } },
-      { method: "POST", url: "api/session/finish", content: { state: "screened_out" } },
+      { method: "POST", url: "api/session/finish", content: { state: "screened_out", tab: "tab-2" } },
     ]);
     const authorized = network.requests.map(({ headers }) => headers.get("Authorization"));
     expect(authorized).toEqual([null, ...Array<string>(3).fill(`Bearer ${token}`)]);
@@ -210,30 +266,31 @@ describe("our server", () => {
     const refused = await refusal(new ServerTransport(LINK).begin("request-1", "tab"));
     expect(refused).toMatchObject({ reason, status, text });
   });
-
-  it("is given up when it keeps silent, and asked anew", async () => {
-    const limit = vi.spyOn(AbortSignal, "timeout");
-    new OurServer().install();
-    await new ServerTransport(LINK).begin("request-1", "tab");
-    expect(limit).toHaveBeenCalledOnce();
-    expect(limit.mock.calls[0]?.[0]).toBeLessThanOrEqual(30_000);
-  });
 });
 
 describe("JATOS", () => {
   const parsed = (results: string) =>
     results.trim().split("\n").map((line) => JSON.parse(line) as { [key: string]: unknown });
 
+  /** The record lines, as they have to be found by whoever has no opening. */
+  const expected = (transport: JatosTransport, session: Session, entries: Entry[]) =>
+    entries.map(({ seq, body }) => {
+      const { session: name, group, place } = transport.opening(session);
+      const { kind } = session.steps.find((step) => step.seq === seq) as Step;
+      return { session: name, seq, kind, group, place, body, trial_type: "pourcast" };
+    });
+
   it("gets a line that opens the session, then each record as it comes", async () => {
     const network = new JatosHost().install();
     const transport = new JatosTransport(LINK);
-    const { token } = await transport.begin("request-1");
-    const entries = await saveAll(transport, token);
+    const session = await transport.begin("request-1");
+    expect(network.results).toBe(""); // Whoever declines leaves nothing.
+    const entries = await saveAll(transport, session.token);
     const [opening, ...records] = parsed(network.results);
-    expect(opening).toEqual(transport.opening());
+    expect(opening).toEqual(transport.opening(session));
     expect(opening).toMatchObject({ entry: "jatos", identifiers: { participant: "p1", PROLIFIC_PID: "p7" } });
-    expect(records).toEqual(entries.map(({ session, seq, body }) => ({ session, seq, body })));
-    await transport.finish(token, "complete", entries);
+    expect(records).toEqual(expected(transport, session, entries));
+    await transport.finish(session.token, "complete", entries);
     expect(network.ended).toBe(true);
   });
 
@@ -241,33 +298,115 @@ describe("JATOS", () => {
     const network = new JatosHost().install();
     const { token } = await new JatosTransport(LINK).begin("request-1");
     network.load();
+    localStorage.clear();
     const again = await new JatosTransport(LINK).begin("another request");
     expect(again.token).toBe(token);
-    expect(parsed(network.results)).toHaveLength(1);
   });
 
-  it.each([0, 1, 2])("has the line that opens the session, though transfer %i is lost", async (after) => {
+  it("keeps a run's session, though its mark was lost on the way", async () => {
     const network = new JatosHost().install();
-    network.lost = { after, count: 1 };
+    network.fates = ["offline"];
     const transport = new JatosTransport(LINK);
-    await expect(transport.begin("request-1")).rejects.toThrow("can't be reached");
+    await failure(transport.begin("request-1"));
     const { token } = await transport.begin("request-1");
-    await transport.save(token, 0, {});
-    const [opening, ...records] = parsed(network.results);
-    expect(opening).toEqual(transport.opening());
-    expect(records.filter((line) => "format" in line)).toEqual([]);
+    network.load();
+    expect((await new JatosTransport(LINK).begin("another request")).token).toBe(token);
   });
 
-  it.each([0, 1, 2])("has it, too, when transfer %i is lost and the page is reloaded", async (after) => {
+  it("has the line that opens the session after any failure, and before any record", async () => {
+    const fates = fc.array(fc.constantFrom(undefined, "offline", "answer lost", 500, "reload"), { maxLength: 12 });
+    await fc.assert(
+      fc.asyncProperty(fates, async (fate) => {
+        const network = new JatosHost().install();
+        localStorage.clear();
+        let transport = new JatosTransport(LINK);
+        const session = await transport.begin("request-1");
+        const entries = entriesOf(session.token, ALL);
+        const waiting = [...fate];
+        const afterFailures: string[] = [];
+        for (const { seq, body } of entries) {
+          for (let saved = false; !saved; ) {
+            const next = waiting.shift();
+            if (next === "reload") {
+              transport = (network.load(), new JatosTransport(LINK));
+              await transport.resume(session.token);
+              continue;
+            }
+            network.fates = [next as undefined];
+            saved = await transport.save(session.token, seq, body).then(
+              () => true,
+              () => false,
+            );
+            if (saved) continue;
+            const { length } = network.results;
+            await transport.save(session.token, seq, body);
+            afterFailures.push(network.results.slice(length));
+            saved = true;
+          }
+        }
+        // It stands before what comes after a failure, too, where nobody knows what was lost.
+        for (const lines of afterFailures) expect(parsed(lines)[0]).toEqual(transport.opening(session));
+        const found = parsed(network.results);
+        expect(found[0]).toEqual(transport.opening(session));
+        const openings = found.filter((line) => "format" in line);
+        for (const opening of openings) expect(opening).toEqual(transport.opening(session));
+        const records = found.filter((line) => !("format" in line));
+        for (const one of expected(transport, session, entries)) expect(records).toContainEqual(one);
+      }),
+    );
+  });
+
+  it("is sent what an earlier run left in the browser, under that run's name", async () => {
     const network = new JatosHost().install();
-    network.lost = { after, count: 1 };
-    await expect(new JatosTransport(LINK).begin("request-1")).rejects.toThrow("can't be reached");
-    network.load();
+    const before = new JatosTransport(LINK);
+    const session = await before.begin("request-1");
+    const other = new JatosHost().install();
     const transport = new JatosTransport(LINK);
-    await transport.begin("request-1");
-    const openings = parsed(network.results);
-    expect(openings.length).toBeGreaterThan(0);
-    for (const opening of openings) expect(opening).toEqual(transport.opening());
+    expect((await transport.begin("request-2")).token).not.toBe(session.token);
+    await transport.save(session.token, 0, { x: 0 });
+    expect(network.results).toBe("");
+    expect(parsed(other.results)).toEqual([
+      before.opening(session),
+      ...expected(before, session, entriesOf(session.token, [0])),
+    ]);
+  });
+
+  it.each([
+    ["offline", "offline"],
+    ["silent", "silent"],
+    ["answer lost", "silent"],
+    [500, "failing"],
+  ] as const)("may take a record after all when it was %s", async (fate, why) => {
+    const network = new JatosHost().install();
+    const transport = new JatosTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    network.fates = [fate];
+    vi.useFakeTimers({ toFake: ["setTimeout", "clearTimeout"] });
+    const asked = failure(transport.save(token, 0, {}));
+    await vi.advanceTimersByTimeAsync(120_000);
+    expect((await asked).why).toBe(why);
+  });
+
+  it.each([400, 403, 413] as const)("refuses a record with %i for good: the session does not end as complete", async (fate) => {
+    const network = new JatosHost().install();
+    const transport = new JatosTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    network.fates = [fate];
+    expect((await refusal(transport.save(token, 0, {}))).status).toBe(fate);
+    const entries = entriesOf(token, ALL);
+    for (const entry of entries) entry.saved = entry.seq > 0;
+    expect(await transport.finish(token, "complete", entries)).toEqual({ missing: [0] });
+    expect(network.ended).toBeNull();
+  });
+
+  it("ends for the participant, too, when jatos.js could not say so the only time it does", async () => {
+    const network = new JatosHost().install();
+    const transport = new JatosTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    const entries = await saveAll(transport, token);
+    network.fates = ["offline"];
+    await failure(transport.finish(token, "complete", entries));
+    expect(await transport.finish(token, "complete", entries)).toMatchObject({ code: "DONE1" });
   });
 
   it("is told of a session that did not succeed, too", async () => {
@@ -285,14 +424,6 @@ describe("JATOS", () => {
     await transport.finish(token, "complete", []);
     expect(network.ended).toBeNull();
   });
-
-  it("says that a record could not be saved, so that it is posted again", async () => {
-    const network = new JatosHost().install();
-    const transport = new JatosTransport(LINK);
-    const { token } = await transport.begin("request-1");
-    network.lost.count = 1;
-    await expect(transport.save(token, 0, {})).rejects.toThrow("can't be reached");
-  });
 });
 
 describe("a static folder", () => {
@@ -304,7 +435,7 @@ describe("a static folder", () => {
     const opening = transport.opening(session);
     const entries = entriesOf(token, ALL);
     await transport.finish(token, "complete", entries);
-    expect([...network.files]).toEqual([[`${token}.jsonl`, lines(opening, token, entries)]]);
+    expect([...network.files]).toEqual([[`${token}.json`, fileOf(opening, session.steps, entries)]]);
     expect(network.requests.at(-1)?.content["experimentID"]).toBe("ABC123");
   });
 
@@ -333,9 +464,72 @@ describe("a static folder", () => {
     const { token } = await transport.begin("request-1");
     network.failures = ["no answer"];
     const entries = entriesOf(token, ALL);
-    await expect(transport.finish(token, "complete", entries)).rejects.toThrow("Failed to fetch");
+    await failure(transport.finish(token, "complete", entries));
     expect(await transport.finish(token, "complete", entries)).toMatchObject({ code: "DONE1" });
     expect(network.files.size).toBe(1);
+  });
+
+  it("has done its part when DataPipe has the file, and puts it in its place later", async () => {
+    const network = new WebHost().install();
+    network.datapipe.storage = "queued";
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    expect(await transport.finish(token, "complete", entriesOf(token, ALL))).toMatchObject({ code: "DONE1" });
+  });
+
+  it("asks again while the storage behind DataPipe is away", async () => {
+    const network = new WebHost().install();
+    network.datapipe.storage = "away";
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    const entries = entriesOf(token, ALL);
+    expect((await failure(transport.finish(token, "complete", entries))).why).toBe("failing");
+    network.datapipe.storage = "there";
+    expect(await transport.finish(token, "complete", entries)).toMatchObject({ code: "DONE1" });
+  });
+
+  it.each([
+    [{ active: false }, "not switched on"],
+    [{ finalized: true }, "not switched on"],
+    [{ experiments: [] }, "study not known"],
+    [{ limit: 0 }, "no more people"],
+    [{ required: ["another"] }, "another form"],
+    [{ json: false, csv: true }, "another form"],
+    [{ owner: false }, "no place"],
+    [{ storage: "not connected" as const }, "no place"],
+    [{ largest: 10 }, "too large"],
+  ])("says why DataPipe takes nothing when it is set to %j, and ends once it is set right", async (wrong, words) => {
+    const network = new WebHost().install();
+    const right = { ...network.datapipe };
+    Object.assign(network.datapipe, wrong);
+    const { token } = await new StaticTransport(LINK).begin("request-1");
+    const entries = entriesOf(token, ALL);
+    const refused = await refusal(new StaticTransport(LINK).finish(token, "complete", entries));
+    expect(refused.text).toBe(words);
+    // The page is loaded again after the researcher has seen to it.
+    network.datapipe = right;
+    expect(await new StaticTransport(LINK).finish(token, "complete", entries)).toMatchObject({ code: "DONE1" });
+  });
+
+  it("says what DataPipe said where that is new", async () => {
+    new WebHost().install();
+    const transport = new StaticTransport(LINK);
+    const { token } = await transport.begin("request-1");
+    await transport.resume(token);
+    vi.stubGlobal("fetch", async () => new Response(JSON.stringify({ error: "OF_TOMORROW" }), { status: 400 }));
+    const refused = await refusal(transport.finish(token, "complete", entriesOf(token, ALL)));
+    expect(refused.text).toBe("answered 400 OF_TOMORROW");
+  });
+
+  it("is over when it is loaded again after its end, and begins nothing", async () => {
+    new WebHost().install();
+    const { token } = await new StaticTransport(LINK).begin("request-1");
+    await new StaticTransport(LINK).finish(token, "complete", entriesOf(token, ALL));
+    expect(await new StaticTransport(LINK).resume(token)).toMatchObject({
+      state: "complete",
+      code: "DONE1",
+      redirect: "https://app.example.org/?cc=DONE1",
+    });
   });
 
   it.each([429, 500, 503])("asks DataPipe again after %i", async (status) => {
@@ -349,33 +543,18 @@ describe("a static folder", () => {
     expect(await transport.finish(token, "complete", entries)).toMatchObject({ code: "DONE1" });
   });
 
-  it("offers a file when DataPipe refuses, and when there is none", async () => {
-    const network = new WebHost().install();
-    network.refuses = { status: 400, error: "EXPERIMENT_NOT_FOUND" };
-    const transport = new StaticTransport(LINK);
-    const { token } = await transport.begin("request-1");
-    const entries = entriesOf(token, ALL);
-    expect((await refusal(transport.finish(token, "complete", entries))).reason).toBe("offline");
+  it("offers a file where there is no DataPipe, after a reload, too", async () => {
     new WebHost(planOf({ datapipe: "" })).install();
     const alone = new StaticTransport(LINK);
     const session = await alone.begin("request-2");
     expect((await refusal(alone.finish(session.token, "complete", entriesOf(session.token, ALL)))).reason).toBe("file");
-    // The file can still be made, and after a reload, too.
     expect(alone.opening(session)).toEqual(new StaticTransport(LINK).opening(session));
   });
 
-  it("works where the browser keeps nothing, until the page is closed", async () => {
-    const forbid = () => {
-      throw new DOMException("The operation is insecure.", "SecurityError");
-    };
-    vi.stubGlobal("localStorage", { getItem: forbid, setItem: forbid, removeItem: forbid });
-    const network = new WebHost().install();
-    const transport = new StaticTransport(LINK);
-    const { token } = await transport.begin("request-1");
-    expect((await transport.resume(token)).token).toBe(token);
-    expect(await transport.finish(token, "complete", entriesOf(token, ALL))).toMatchObject({ code: "DONE1" });
-    expect(network.files.size).toBe(1);
-    expect((await refusal(new StaticTransport(LINK).resume(token))).reason).toBe("gone");
+  it("isn't there without its plan, and says so at once", async () => {
+    vi.stubGlobal("fetch", async () => new Response("Not Found", { status: 404 }));
+    const refused = await refusal(new StaticTransport(LINK).begin("request-1"));
+    expect(refused.reason).toBe("plan.json: status 404");
   });
 
   it("begins anew when its place is in the plan no more", async () => {
@@ -433,20 +612,25 @@ describe("a plan", () => {
     expect(farewellOf(plan, "complete", "").redirect).toBe("https://app.example.org/?cc=A$&B");
   });
 
-  it("is written as lines that can be read back, whatever was answered", () => {
+  it("is written as a file that can be read back, whole or line by line, whatever was answered", () => {
+    const marks = fc.string({ unit: fc.constantFrom("a", '"', "\n", "\u0085", "\u2028", "\u2029", "\ud800") });
     fc.assert(
-      fc.property(fc.array(fc.dictionary(fc.string(), fc.jsonValue())), (bodies) => {
+      fc.property(fc.array(fc.dictionary(marks, fc.oneof(fc.jsonValue(), marks))), (bodies) => {
         const entries = bodies.map((body, seq) => ({ session: "s", seq, body, saved: false }));
-        const text = lines({ format: "pourcast-records" }, "s", entries);
-        expect(text.endsWith("\n")).toBe(true);
-        const read = text.slice(0, -1).split("\n").map((line) => JSON.parse(line) as object);
+        const opening = { ...FORMAT, session: "s", group: 1, place: 2 };
+        const text = fileOf(opening, STEPS, entries);
         const bare = (body: object) => JSON.parse(JSON.stringify(body)) as object;
-        expect(read).toEqual([
-          { format: "pourcast-records" },
-          ...bodies.map((body, seq) => ({ session: "s", seq, body: bare(body) })),
-        ]);
+        const expected = bodies.map((body, seq) => {
+          const kind = STEPS[seq]?.kind;
+          const record = { session: "s", seq, kind, group: 1, place: 2, body: bare(body), trial_type: "pourcast" };
+          return bare(record);
+        });
+        expect(JSON.parse(text)).toEqual([opening, ...expected]);
+        const split = text.split(/[\n\u0085\u2028\u2029]/).slice(1, -2);
+        expect(split.map((line) => JSON.parse(line.replace(/,$/, "")) as object)).toEqual([opening, ...expected]);
       }),
     );
+    expect(lineOf({ remark: "a\u2028b" })).toBe('{"remark":"a\\u2028b"}');
   });
 
   it("misses just the steps without a record", () => {

@@ -1,7 +1,13 @@
 /** What the exported pages share: their plan is a file, and the browser chooses its place in it. */
+import { drawn } from "../draws";
+import { recall, remember } from "../memory";
+import { askForJson, isPassing, Unreachable } from "../network";
 import type { Entry } from "../outbox";
 import type { End, Experiment, Farewell, Session, Step } from "../types";
+import { FORMAT, type Opening } from "./records";
 import { Refused } from "./transport";
+
+const TIMEOUT = 30_000;
 
 interface Place {
   group: number;
@@ -17,21 +23,32 @@ export interface Plan extends Experiment {
   datapipe: string;
 }
 
-/** What identifies a session that no server knows. */
-export interface Opening {
-  format: "pourcast-records";
-  schema_version: 1;
-  session: string;
-  entry: string;
-  identifiers: { [name: string]: string };
-  group: number;
-  place: number;
-}
+/** A session that no server knows, whole. */
+export type PlannedOpening = Required<Opening>;
 
 export async function fetchPlan(): Promise<Plan> {
-  const answer = await fetch("plan.json", { cache: "no-cache" });
-  if (!answer.ok) throw new Error(`status ${answer.status}`);
-  return (await answer.json()) as Plan;
+  const { status, ok, content } = await askForJson("plan.json", { cache: "no-cache" }, TIMEOUT);
+  if (ok) return content as Plan;
+  if (isPassing(status)) throw new Unreachable("failing", `status ${status}`);
+  throw new Refused(`plan.json: status ${status}`, status);
+}
+
+/** Openings of the sessions that this browser has begun, by their names. */
+export class Openings {
+  private here = new Map<string, PlannedOpening>();
+
+  keep(opening: PlannedOpening): void {
+    this.here.set(opening.session, opening);
+    remember(keyOf(opening.session), opening);
+  }
+
+  of(session: string): PlannedOpening | undefined {
+    return this.here.get(session) ?? (recall(keyOf(session)) as PlannedOpening | undefined);
+  }
+}
+
+function keyOf(session: string): string {
+  return `pourcast session ${session}`;
 }
 
 export function openingOf(
@@ -39,12 +56,11 @@ export function openingOf(
   entry: string,
   identifiers: { [name: string]: string },
   session: string,
-): Opening {
-  const at = crypto.getRandomValues(new Uint32Array(1))[0] as number;
+): PlannedOpening {
+  const [at] = drawn(1) as [number];
   const chosen = plan.places[at % plan.places.length] as Place;
   return {
-    format: "pourcast-records",
-    schema_version: 1,
+    ...FORMAT,
     session,
     entry,
     identifiers,
@@ -53,7 +69,7 @@ export function openingOf(
   };
 }
 
-export function sessionOf(plan: Plan, opening: Opening): Session {
+export function sessionOf(plan: Plan, opening: PlannedOpening): Session {
   const chosen = plan.places.find(
     (one) => one.group === opening.group && one.place === opening.place,
   );
@@ -75,13 +91,7 @@ export function sessionOf(plan: Plan, opening: Opening): Session {
 export function farewellOf(plan: Plan, end: End, own: string): Farewell {
   const given = end === "declined" ? "" : plan.codes[end];
   const code = given || (end === "complete" ? own : "");
-  return { code, redirect: code ? plan.redirect.replaceAll("{code}", () => code) : "" };
-}
-
-/** A session as JSON Lines, which `pourcast experiment data --import` takes. */
-export function lines(opening: object, session: string, entries: Entry[]): string {
-  const records = entries.map(({ seq, body }) => ({ session, seq, body }));
-  return [opening, ...records].map((line) => `${JSON.stringify(line)}\n`).join("");
+  return { code, redirect: code ? plan.redirect.split("{code}").join(code) : "" };
 }
 
 export function missingOf(session: Session, entries: Entry[]): number[] {

@@ -1,6 +1,9 @@
 /** Our own server, `experiment/server/app.py`. */
+import { askForJson, isPassing, Unreachable } from "../network";
+import type { Entry } from "../outbox";
 import type { Body, End, Session } from "../types";
-import { isPassing, Refused, type Ended, type Transport } from "./transport";
+import { FORMAT, type Opening } from "./records";
+import { Refused, type Ended, type Transport } from "./transport";
 
 const TIMEOUT = 20_000;
 
@@ -19,12 +22,12 @@ export class ServerTransport implements Transport {
     return this.ask("PUT", `api/session/records/${seq}`, { tab, body }, token);
   }
 
-  finish(token: string, state: End): Promise<Ended> {
-    return this.ask("POST", "api/session/finish", { state }, token);
+  finish(token: string, state: End, _: Entry[], tab: string): Promise<Ended> {
+    return this.ask("POST", "api/session/finish", { state, tab }, token);
   }
 
-  opening(session: Session): object {
-    return { format: "pourcast-records", schema_version: 1, session: session.key };
+  opening(session: Session): Opening {
+    return { ...FORMAT, session: session.key };
   }
 
   mediaUrl(name: string): string {
@@ -32,20 +35,17 @@ export class ServerTransport implements Transport {
   }
 
   private async ask<T>(method: string, path: string, content: object, token = ""): Promise<T> {
-    const answer = await fetch(path, {
-      method,
-      headers: {
-        "Content-Type": "application/json",
-        ...(token ? { Authorization: `Bearer ${token}` } : {}),
-      },
-      body: JSON.stringify(content),
-      signal: AbortSignal.timeout(TIMEOUT),
-      cache: "no-store",
-    });
-    if (answer.ok) return (await answer.json()) as T;
-    const said = (await answer.json().catch(() => ({}))) as { refused?: string; text?: string };
+    const headers = {
+      "Content-Type": "application/json",
+      ...(token ? { Authorization: `Bearer ${token}` } : {}),
+    };
+    const init: RequestInit = { method, headers, body: JSON.stringify(content), cache: "no-store" };
+    const answer = await askForJson(path, init, TIMEOUT);
+    if (answer.ok) return answer.content as T;
+    const said = (answer.content ?? {}) as { refused?: string; text?: string };
     // A refusal of our server's is final, even where a proxy's answer of this status would pass.
-    if (!said.refused && isPassing(answer.status)) throw new Error(`status ${answer.status}`);
+    if (!said.refused && isPassing(answer.status))
+      throw new Unreachable("failing", `status ${answer.status}`);
     throw new Refused(said.refused ?? "broken", answer.status, said.text);
   }
 }

@@ -1,41 +1,42 @@
 /** A folder on any web host: records stay in the browser, and go to DataPipe at the end. */
+import { recall, remember } from "../memory";
 import type { Entry } from "../outbox";
 import type { End, Session } from "../types";
+import { sendToDataPipe } from "./datapipe";
 import {
   farewellOf,
   fetchPlan,
-  lines,
   missingOf,
   openingOf,
+  Openings,
   sessionOf,
-  type Opening,
   type Plan,
+  type PlannedOpening,
 } from "./planned";
-import { isPassing, Refused, type Ended, type Transport } from "./transport";
-
-const DATAPIPE = "https://pipe.jspsych.org/api/data/";
-const TIMEOUT = 30_000;
+import { fileOf } from "./records";
+import { Refused, type Ended, type Transport } from "./transport";
 
 export class StaticTransport implements Transport {
   private plan: Promise<Plan> | null = null;
-  private openings = new Map<string, Opening>();
+  private openings = new Openings();
 
   constructor(private link: { [name: string]: string }) {}
 
   async begin(request: string): Promise<Session> {
     const plan = await this.fetched();
-    const opening = this.known(request) ?? openingOf(plan, "static", this.link, request);
-    this.openings.set(request, opening);
-    try {
-      localStorage.setItem(keyOf(request), JSON.stringify(opening));
-    } catch {
-      // Without it a reload begins anew.
-    }
-    return sessionOf(plan, opening);
+    const known = this.openings.of(request);
+    const opening = known ?? openingOf(plan, "static", this.link, request);
+    const session = sessionOf(plan, opening);
+    this.openings.keep(opening);
+    return session;
   }
 
   async resume(token: string): Promise<Session> {
-    return sessionOf(await this.fetched(), this.openingOf(token));
+    const plan = await this.fetched();
+    const session = sessionOf(plan, this.openingOf(token));
+    const ended = recall(endOf(token)) as { state: End } | undefined;
+    if (!ended) return session;
+    return { ...session, ...farewellOf(plan, ended.state, session.code), state: ended.state };
   }
 
   save(): Promise<{ superseded: boolean }> {
@@ -50,54 +51,26 @@ export class StaticTransport implements Transport {
     if (missing.length) return { missing };
     if (end !== "declined") {
       if (!plan.datapipe) throw new Refused("file", 200);
-      await this.send(plan, token, lines(opening, token, entries));
-    }
-    try {
-      localStorage.removeItem(keyOf(token));
-    } catch {
-      // There is nothing to be removed.
+      const file = fileOf(opening, session.steps, entries);
+      await sendToDataPipe(plan.datapipe, `${token}.json`, file, plan.texts.collecting);
+      // Whoever loads the page again is told so, and does not begin anew unasked.
+      remember(endOf(token), { state: end });
     }
     return { missing: [], ...farewellOf(plan, end, session.code) };
   }
 
-  opening(session: Session): Opening {
+  opening(session: Session): PlannedOpening {
     return this.openingOf(session.token);
   }
 
-  private openingOf(token: string): Opening {
-    const opening = this.known(token);
+  private openingOf(token: string): PlannedOpening {
+    const opening = this.openings.of(token);
     if (!opening) throw new Refused("gone", 410);
     return opening;
   }
 
-  private known(token: string): Opening | undefined {
-    const own = this.openings.get(token);
-    if (own) return own;
-    try {
-      const text = localStorage.getItem(keyOf(token));
-      return text ? (JSON.parse(text) as Opening) : undefined;
-    } catch {
-      return undefined;
-    }
-  }
-
   mediaUrl(name: string): string {
     return `media/${name}`;
-  }
-
-  private async send(plan: Plan, token: string, data: string): Promise<void> {
-    const answer = await fetch(DATAPIPE, {
-      method: "POST",
-      headers: { "Content-Type": "application/json", Accept: "*/*" },
-      body: JSON.stringify({ experimentID: plan.datapipe, filename: `${token}.jsonl`, data }),
-      signal: AbortSignal.timeout(TIMEOUT),
-    });
-    if (answer.ok) return;
-    const said = (await answer.json().catch(() => ({}))) as { error?: string };
-    // It has a file of this name: an earlier try came through, only its answer didn't.
-    if (said.error?.endsWith("FILE_EXISTS")) return;
-    if (isPassing(answer.status)) throw new Error(`status ${answer.status}`);
-    throw new Refused("offline", answer.status);
   }
 
   private fetched(): Promise<Plan> {
@@ -109,6 +82,6 @@ export class StaticTransport implements Transport {
   }
 }
 
-function keyOf(token: string): string {
-  return `pourcast session ${token}`;
+function endOf(token: string): string {
+  return `pourcast end ${token}`;
 }

@@ -1,6 +1,7 @@
 /** Who keeps the records: our server, or (in the folders that are exported) somebody else. */
 import type { Entry } from "../outbox";
 import type { Body, End, Farewell, Session } from "../types";
+import type { Opening } from "./records";
 
 /** The answer was no; asking again is no use. */
 export class Refused extends Error {
@@ -14,12 +15,8 @@ export class Refused extends Error {
   }
 }
 
-/** Whether an answer of this status may be another one a moment later. */
-export function isPassing(status: number): boolean {
-  return status >= 500 || status === 408 || status === 429;
-}
-
-export type Ended = { missing: number[] } & Partial<Farewell>;
+/** `state` is that of the session where it is another than was asked for. */
+export type Ended = { missing: number[]; state?: string } & Partial<Farewell>;
 
 export interface Transport {
   begin(request: string, tab: string): Promise<Session>;
@@ -27,9 +24,12 @@ export interface Transport {
   resume(token: string, tab?: string): Promise<Session>;
   /** Resolves when the record is on the server's disk. */
   save(token: string, seq: number, body: Body, tab: string): Promise<{ superseded: boolean }>;
-  /** Ends the session, or names the steps that are missing; `entries` are all its records. */
-  finish(token: string, state: End, entries: Entry[]): Promise<Ended>;
-  /** The line that says whose records follow, in the file that a participant downloads. */
-  opening(session: Session): object;
+  /**
+   * Ends the session, or names the steps that are missing; `entries` are all its records. Only the
+   * tab that has the session can end it before it is complete.
+   */
+  finish(token: string, state: End, entries: Entry[], tab: string): Promise<Ended>;
+  /** What says whose records follow, in the file that a participant downloads. */
+  opening(session: Session): Opening;
   mediaUrl(name: string): string;
 }

@@ -1,0 +1,121 @@
+"""The lines that sessions and records are written in outside the database: one form of JSON.
+
+The study's journal has them, a participant's downloaded file, and what JATOS and DataPipe collect;
+`data.record_import` reads them all. An opening line says whose records follow:
+
+    {"format": "pourcast-records", "schema_version": 2, "session": KEY, "group": 0, "place": 3, ...}
+
+and each record is a line that could be understood alone:
+
+    {"session": KEY, "seq": 7, "kind": "judgment", "scene": "a-1", "liquid": "honey", "body": {...}}
+
+The journal says more, so that a database can be made of it that lacks nothing: its first line has
+the secrets of the database, opening lines have all of a session, and what changed since has lines
+of its own. So it is as confidential as the database.
+"""
+
+import json
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+from pourcast.experiment.design.steps import Step
+from pourcast.experiment.storage.records import Record
+from pourcast.experiment.storage.sessions import Session, plan_content
+
+FORMAT = "pourcast-records"
+"""What an opening line calls its format."""
+
+JOURNAL_FORMAT = "pourcast-journal"
+"""What the first line of a journal calls its format."""
+
+SCHEMA_VERSION = 2
+
+Line = Mapping[str, Any]
+
+
+def head_line(words: Mapping[str, str]) -> Line:
+    """First line of a journal: the secrets of the database, which links and names come from."""
+    return {"format": JOURNAL_FORMAT, "schema_version": SCHEMA_VERSION, **words}
+
+
+def opening_line(session: Session, tokens: Sequence[str] = ()) -> Line:
+    """All of a session but its records; `tokens` are digests."""
+    return {
+        "format": FORMAT,
+        "schema_version": SCHEMA_VERSION,
+        "session": session.key,
+        "number": session.number,
+        "request": session.request,
+        "participant": session.participant,
+        "entry": session.entry,
+        "identifiers": dict(session.identifiers),
+        "group": session.group,
+        "place": session.place,
+        "code": session.code,
+        "tab": session.tab,
+        "started": session.started,
+        "tokens": list(tokens),
+        "steps": plan_content(session.steps),
+    }
+
+
+def record_line(session: Session, record: Record, *, aside: bool = False) -> Line:
+    """A record, and what it was a record of; `aside`: another one came before under its key."""
+    step = session.steps[record.seq]
+    return (
+        {"session": session.key, "seq": record.seq, "kind": record.kind}
+        | {"group": session.group, "place": session.place}
+        | _shown(step)
+        | {"body": json.loads(record.body), "received": record.received}
+        | ({"aside": True} if aside else {})
+    )
+
+
+def token_line(key: str, digest: str) -> Line:
+    """A further token that lets its holder write to a session."""
+    return {"session": key, "token": digest}
+
+
+def tab_line(key: str, tab: str) -> Line:
+    """A browser tab that took a session over."""
+    return {"session": key, "tab": tab}
+
+
+def state_line(key: str, state: str) -> Line:
+    """How a session ended."""
+    return {"session": key, "state": state}
+
+
+def line_names(line: Line) -> set[Hashable]:
+    """What a line says, in short: two lines with the same names say the same."""
+    key = line.get("session")
+    if line.get("format") == JOURNAL_FORMAT:
+        return {("words", line.get("secret"), line.get("admin"))}
+    if line.get("format") == FORMAT:
+        return {(key, "opening"), *((key, "token", token) for token in line.get("tokens", ()))}
+    if "seq" in line:
+        body = json.dumps(line.get("body"), sort_keys=True) if line.get("aside") else ""
+        return {(key, line["seq"], body)}
+    return {(key, name, line[name]) for name in ("token", "tab", "state") if name in line}
+
+
+def is_line(content: object) -> bool:
+    """Whether something is a line of this form."""
+    if not isinstance(content, dict):
+        return False
+    if content.get("format") == JOURNAL_FORMAT:
+        return True
+    whole = content.keys() & {"seq", "token", "tab", "state"} or content.get("format") == FORMAT
+    return isinstance(content.get("session"), str) and bool(whole)
+
+
+def dumps(line: Line) -> str:
+    """A line as text, with its end."""
+    return json.dumps(line, separators=(",", ":"), ensure_ascii=False) + "\n"
+
+
+def _shown(step: Step) -> dict[str, Any]:
+    """What tells a step from others, should its session's opening line be lost."""
+    return step.model_dump(
+        include={"phase", "trial", "block", "liquid", "scene", "mirrored"}, exclude_defaults=True
+    )

@@ -1,0 +1,38 @@
+"""The secrets of a database: random words that links, codes and names of media are made with."""
+
+import secrets
+from collections.abc import Mapping
+
+import sqlalchemy as sa
+
+from pourcast.experiment.storage.schema import META
+
+NAMES = ("secret", "admin")
+
+
+def made_words(connection: sa.Connection, former: Mapping[str, str]) -> dict[str, str]:
+    """Give a new database its words, and return them by name.
+
+    Parameters
+    ----------
+    connection
+        A transaction that writes.
+    former
+        Those that the study had before its database was lost; the others are made up.
+    """
+    known = {**former, **kept_words(connection)}
+    words = {name: known.get(name) or secrets.token_hex(16) for name in NAMES}
+    set_words(connection, words)
+    return words
+
+
+def set_words(connection: sa.Connection, words: Mapping[str, str]) -> None:
+    """Put words in the place of those that the database has."""
+    connection.execute(META.delete().where(META.c.name.in_(NAMES)))
+    connection.execute(META.insert(), [{"name": name, "value": words[name]} for name in NAMES])
+
+
+def kept_words(connection: sa.Connection) -> dict[str, str]:
+    """The words that a database has, by name."""
+    rows = connection.execute(sa.select(META).where(META.c.name.in_(NAMES)))
+    return {row.name: row.value for row in rows}
