@@ -383,19 +383,21 @@ class Oracle:
         )
 
     def _check_journal(self):
-        """The journal has what the database has, each line once."""
-        numbers = {kept.number: kept.key for kept in self.alive.values()}
-        lines = [line for line in self.world.experiment.journal.lines() if line.get("seq", -1) >= 0]
+        """The journal has what the database has, each record once."""
+        lines = list(self.world.experiment.journal.lines())
         there = Counter(
-            (numbers.get(line["session"], line["session"]), line["seq"], line["body"]["rt"])
+            (line["session"], line["seq"], line["body"]["rt"], line.get("aside", False))
             for line in lines
-            if not line.get("aside")
+            if "seq" in line
         )
         assert there == Counter(
-            (kept.key, seq, body["rt"])
+            (kept.key, seq, body["rt"], aside)
             for kept in self.alive.values()
-            for seq, body in kept.records.items()
+            for bodies, aside in ((kept.records, False), (kept.conflicts, True))
+            for seq, of_step in bodies.items()
+            for body in (of_step if aside else [of_step])
         )
+        assert {line["session"] for line in lines if "session" in line} == self.alive.keys()
 
     def _check_tables(self, storage):
         trials = trials_table(storage, preview=True)
@@ -405,7 +407,7 @@ class Oracle:
         assert found == Counter(
             row for kept in self.alive.values() for row in self._trial_rows(kept)
         )
-        people = participants_table(storage, preview=True)
+        people = participants_table(storage, preview=True, identifiers=True)
         columns = ["participant", "session", "entry", "state", "group", "order", "practice_trials",
                    "test_trials", "kept_aside", "remarks", "code"]  # fmt: skip
         found = Counter(people[columns].itertuples(index=False, name=None))

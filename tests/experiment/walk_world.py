@@ -298,7 +298,7 @@ class World:
         self._dead = True
         if self.url is not None:
             _cut_connections(self.url)
-        self._left = {path: path.read_bytes() for path in self.files()}
+        self._left = {p: (p.read_bytes(), p.stat().st_mode) for p in self.files()}
 
     def files(self):
         """The study's files that are there for people's answers, and what belongs to them."""
@@ -308,8 +308,9 @@ class World:
     def _restore(self):
         for path in self.files():
             path.unlink()
-        for path, content in self._left.items():
+        for path, (content, mode) in self._left.items():
             path.write_bytes(content)
+            path.chmod(mode)
 
 
 def _cut_connections(url):
