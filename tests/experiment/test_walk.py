@@ -229,11 +229,12 @@ class Walk(RuleBasedStateMachine):
         self.browsers[who % len(self.browsers)] = self._browser(kind, other)
         self._begin(self._of(who), HEARD)
 
-    @rule(who=PEOPLE, fates=st.lists(FATES, min_size=1, max_size=4))
-    def answer_next(self, who, fates):
+    @rule(who=PEOPLE, count=st.integers(1, 6), fate=FATES)
+    def answer_next(self, who, count, fate):
         browser = self._of(who)
-        for fate in fates if browser.steps else []:
-            self._put(browser, *self._next(browser), fate)
+        for left in reversed(range(count)):
+            if browser.steps and not browser.refusals:
+                self._put(browser, *self._next(browser), HEARD if left else fate)
 
     @rule(who=PEOPLE)
     def answer_all(self, who):
@@ -252,7 +253,7 @@ class Walk(RuleBasedStateMachine):
             body = browser.outbox[seq] if same else self._new_body(browser, seq)
             self._put(browser, seq, body, fate)
 
-    @rule(people=st.lists(PEOPLE, min_size=2, max_size=6), fate=FATES)
+    @rule(people=st.lists(PEOPLE, min_size=3, max_size=8), fate=FATES)
     def answer_at_the_same_time(self, people, fate):
         browsers = [self._of(who) for who in people if self._of(who).steps]
         answers = [(browser, *self._next(browser)) for browser in browsers]

@@ -293,9 +293,9 @@ class Oracle:
             self._claimed(kept, request)
 
     def _settle_records(self, requests):
-        numbers = {kept.number: kept for kept in self.alive.values()}
+        numbers = {one.number: one.key for one in self.world.storage.sessions()}
         there = [*self.world.storage.records(), *self.world.storage.conflicts()]
-        bodies = Counter((numbers[r.session].key, r.seq, _answer_id(r.body)) for r in there)
+        bodies = Counter((numbers[r.session], r.seq, _answer_id(r.body)) for r in there)
         for request in requests:
             kept = self.alive.get(self.tokens.get(request.token, ""))
             body = request.content["body"]
