@@ -6,6 +6,7 @@ person was told; `walk_world` is the server, and its death.
 
 import json
 import os
+import random
 import shutil
 import tempfile
 from collections import Counter
@@ -26,9 +27,13 @@ from hypothesis.stateful import (
 )
 
 from pourcast.experiment.design.links import link_key
+from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.storage import Storage
 from tests.experiment.conftest import fresh_database
 from tests.experiment.make import answer, small_study
+from tests.experiment.server_process import ServerProcess
 from tests.experiment.walk_oracle import COMPLETE, Oracle, personal
+from tests.experiment.walk_threads import Meter, Wanderer
 from tests.experiment.walk_world import AT_THE_ANSWER, Request, World
 
 GAP = 3600.0
@@ -417,3 +422,64 @@ def test_nothing_is_lost_in_thousands_of_steps(request, template, kind, chosen):
         return fresh_database(request.getfixturevalue("postgresql"))
 
     walk(template, database, walks=25, steps=100, chosen=chosen)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_nothing_is_lost_when_the_real_server_is_killed_while_several_answer(
+    request, tmp_path, template, kind
+):
+    study = shutil.copytree(template, tmp_path / "study")
+    with ExitStack() as resources:
+        url = None
+        if kind == "postgresql":
+            server = request.getfixturevalue("postgresql")
+            url = resources.enter_context(fresh_database(server))
+        options = [] if url is None else ["--database", url]
+        meter, kills, moments = Meter(), 0, random.Random(1)
+        with ServerProcess(study, *options) as process:
+            lab = {"lab": process.lab.rpartition("=")[2]}
+            people = [Wanderer(process.port, lab if k % 2 else None, k, 250, meter)
+                      for k in range(8)]  # fmt: skip
+            for someone in people:
+                someone.start()
+
+            def going_on():
+                return any(someone.is_alive() for someone in people)
+
+            while going_on():
+                meter.wait_for(meter.count + moments.randint(60, 200), going_on)
+                process.kill()
+                process.start()
+                kills += 1
+            assert [someone.error for someone in people] == [None] * len(people)
+        print(f"walk: {meter.count} requests of {len(people)} people, {kills} kills, {kind}")
+        assert meter.count >= 2000
+        check_visits(study, url, [visit for someone in people for visit in someone.visits])
+
+
+def check_visits(study, url, visits):
+    """The study has what each participant was told, and nothing that nobody sent."""
+    storage = Storage.of_study(study, url)
+    sessions = {one.key: one for one in storage.sessions()}
+    told = {visit.key: visit for visit in visits}
+    assert sessions.keys() == {key for key, visit in told.items() if visit.end != "declined"}
+    numbers = {one.number: one.key for one in sessions.values()}
+    records = {(numbers[one.session], one.seq): one.body for one in storage.records()}
+    for key, session in sessions.items():
+        assert (session.state, session.code) == (told[key].end, told[key].code)
+        assert session.request == told[key].request
+        assert [step.for_participant() for step in session.steps] == told[key].steps
+    assert records.keys() == {(key, seq) for key in sessions for seq in told[key].told}
+    for (key, seq), body in records.items():
+        assert told[key].told[seq].items() <= json.loads(body).items()
+    aside = Counter((numbers[one.session], one.seq, json.loads(one.body)["rt"])
+                    for one in storage.conflicts())  # fmt: skip
+    assert aside == Counter(
+        (visit.key, seq, body["rt"])
+        for visit in visits
+        for seq, bodies in visit.aside.items()
+        for body in bodies
+    )
+    assert Journal.of_study(study).missing(storage.journal_lines()) == []
+    storage.close()
