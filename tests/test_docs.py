@@ -46,8 +46,11 @@ def snippets(page):
 def serve(arguments):
     """Serve (on a port that is free), ask for the page that a link leads to, and end it."""
     study, *options = arguments
-    with ServerProcess(study, *options) as server, urllib.request.urlopen(server.lab) as page:
-        assert b"<main" in page.read()
+    with ServerProcess(study, *options) as server:
+        # As the web server before it would ask, where there is one.
+        here = f"http://127.0.0.1:{server.port}/?{server.lab.rpartition('?')[2]}"
+        with urllib.request.urlopen(here) as page:
+            assert b"<main" in page.read()
 
 
 COARSER = {

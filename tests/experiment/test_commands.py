@@ -1,6 +1,7 @@
 """`pourcast experiment serve` and its kin at the command line."""
 
 import re
+import signal
 import socket
 from contextlib import closing
 
@@ -139,12 +140,18 @@ def test_a_server_that_cannot_be_made_ready_leaves_the_study_to_others(tmp_path,
 
 
 def test_a_server_says_its_links_before_anybody_can_come_and_ends_by_ctrl_c(tmp_path, monkeypatch):
+    ended = []
+
     def interrupted(server, sockets):
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)
+        ended.append(server.should_exit)
 
     monkeypatch.setattr("uvicorn.Server.run", interrupted)
     study = small_study(tmp_path)
     said = {}
     with closing(ExperimentServer(study, Storage.of_study(study), Address(port=0))) as server:
         server.run(said.update)
+    assert ended == [True]
+    with pytest.raises(KeyboardInterrupt):  # Ctrl-C is again what it was before
+        signal.raise_signal(signal.SIGINT)
     assert re.match(r"http://127.0.0.1:\d+/\?lab=", said["lab"])

@@ -161,8 +161,8 @@ def test_who_declines_twice_as_the_first_answer_was_lost_is_told_the_same(api):
         ({}, "link"),
         ({"lab": "guess"}, "link"),
         ({"preview": ""}, "link"),
-        ({"PROLIFIC_PID": ""}, "link"),
-        ({"workerId": "w", "assignmentId": "ASSIGNMENT_ID_NOT_AVAILABLE"}, "link"),
+        ({"PROLIFIC_PID": ""}, "unfilled"),
+        ({"workerId": "w", "assignmentId": "ASSIGNMENT_ID_NOT_AVAILABLE"}, "unaccepted"),
     ],
 )
 def test_a_link_that_is_none_of_ours_is_refused(api, link, refused):

@@ -54,7 +54,10 @@ _FAILURES = (ClusterError, ModelError, SimulationDivergedError, StoreError, Trai
 
 def main() -> None:
     """Run the command line; the entry point of `pourcast`."""
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    # Nothing is left that a second Ctrl-C could interrupt, but Python's own end.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:

@@ -77,8 +77,19 @@ def serve(
         str, typer.Option(metavar="URL", help="How participants reach it, for the links.")
     ] = "",
     behind_proxy: Annotated[
-        bool, typer.Option("--behind-proxy", help="A web server of yours stands before it.")
+        bool,
+        typer.Option(
+            "--behind-proxy", help="A web server of yours stands before it; as --proxy-hops 1."
+        ),
     ] = False,
+    proxy_hops: Annotated[
+        int | None,
+        typer.Option(min=0, help="How many web servers of yours stand one before the other."),
+    ] = None,
+    trusted_proxy: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NETWORK", help="Where they are [this machine]; may be repeated."),
+    ] = None,
     admin: Annotated[
         bool | None,
         typer.Option("--admin/--no-admin", help="The admin page [only on this machine]."),
@@ -86,6 +97,10 @@ def serve(
     sessions_per_address: Annotated[
         int, typer.Option(min=1, help="Sessions that an address may open in an hour.")
     ] = 200,
+    allowed_ids: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Ids of Prolific or MTurk to let in, one a line [all]."),
+    ] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Make the stimuli, check everything, and stop.")
     ] = False,
@@ -102,8 +117,10 @@ def serve(
     from pourcast.extras import require_extra
 
     require_extra("experiment")
+    from pourcast.experiment.design.links import read_ids
     from pourcast.experiment.design.services import prolific_settings
     from pourcast.experiment.design.settings import NAME
+    from pourcast.experiment.server.addresses import Proxies
     from pourcast.experiment.server.process import Address, ExperimentServer
 
     def print_links(links: Mapping[str, str]) -> None:
@@ -111,12 +128,15 @@ def serve(
             typer.echo(f"{name:9}{link}")
         typer.echo("Ctrl-C ends it.")
 
-    address = Address(host, port, public_url, behind_proxy)
+    networks = tuple(trusted_proxy or ())
+    hops = int(behind_proxy or bool(networks)) if proxy_hops is None else proxy_hops
+    address = Address(host, port, public_url, Proxies(hops, networks))
+    ids = None if allowed_ids is None else read_ids(allowed_ids)
     with _storage(study, database, must_exist=False) as storage:
         with progress_bar() as report:
             server = ExperimentServer(
                 study, storage, address, admin=admin, sessions_per_address=sessions_per_address,
-                report=report,
+                allowed_ids=ids, report=report,
             )  # fmt: skip
         with closing(server):
             experiment = server.experiment
@@ -277,18 +297,27 @@ def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
     import time
 
     from pourcast.experiment.data.record_import import import_records
+    from pourcast.experiment.design.links import UNFILLED
     from pourcast.experiment.design.materials import prepare_materials
     from pourcast.experiment.storage.journal import Journal
 
     with progress_bar() as report:
         materials = prepare_materials(study, storage.secret, report)
     journal = Journal.of_study(study)
+    known = {session.key for session in storage.sessions()}
     for path in paths:
         summary = import_records(path, storage, journal, materials.steps, time.time())
         typer.echo(
             f"{path}: {summary.sessions} sessions, {summary.new} new records, "
             f"{summary.repeated} that were there, {summary.conflicts} kept aside"
         )
+    for session in storage.sessions():
+        if session.key not in known and UNFILLED in session.identifiers:
+            names = session.identifiers[UNFILLED]
+            typer.echo(
+                f"{session.participant}: came by a link in which nobody had filled in {names}; "
+                "is an anonymous participant of their own"
+            )
 
 
 def _database_is_lost(study: Path, database: str | None) -> bool:

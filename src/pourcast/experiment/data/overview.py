@@ -10,11 +10,13 @@ from typing import Any
 import pandas as pd
 
 from pourcast.experiment.data.tables import trials_table
+from pourcast.experiment.design.links import UNFILLED
 from pourcast.experiment.design.settings import read_design
 from pourcast.experiment.storage.journal import NAME as JOURNAL
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.sessions import DECLINED_LATER, DROPPED, OPEN, Session
 from pourcast.experiment.storage.storage import Storage
+from pourcast.experiment.storage.visits import REFUSED_BECAUSE
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,12 @@ class Overview:
         Number of records that the database has, and the journal has not.
     declined_later
         Codes of participants who declined after they had agreed.
+    shared
+        How many browsers took turns with one session, by the participant's code.
+    unfilled
+        Codes of participants whose link nobody had filled in, in files that were imported.
+    refusals
+        Number of visits that were refused, by reason: `unfilled` links, `unlisted` ids.
     responses
         Test responses of recruited sessions, by liquid and scene.
     """
@@ -45,6 +53,9 @@ class Overview:
     conflicts: int
     missing_in_journal: int
     declined_later: tuple[str, ...]
+    shared: Mapping[str, int]
+    unfilled: tuple[str, ...]
+    refusals: Mapping[str, int]
     responses: Mapping[tuple[str, str], list[float]]
 
     @property
@@ -66,7 +77,21 @@ class Overview:
                 f"{', '.join(self.declined_later)}: declined after they had agreed; what they gave "
                 "before is kept, and `pourcast experiment data STUDY --withdraw ID` deletes it"
             )
-        return lines
+        for participant, browsers in self.shared.items():
+            lines.append(
+                f"{participant}: {browsers} browsers took turns with one id within a minute; the "
+                "answers may be of more than one person"
+            )
+        if self.unfilled:
+            lines.append(
+                f"{', '.join(self.unfilled)}: came by a link that nobody had filled in; each is an "
+                "anonymous participant of their own"
+            )
+        return lines + [
+            f"{self.refusals[reason]} visits were refused, {because}"
+            for reason, because in REFUSED_BECAUSE.items()
+            if reason in self.refusals
+        ]
 
     def for_json(self) -> dict[str, Any]:
         """The overview as JSON's types; NaN where there is no median."""
@@ -77,6 +102,9 @@ class Overview:
             "kept_aside": self.conflicts,
             "missing_in_journal": self.missing_in_journal,
             "declined_later": list(self.declined_later),
+            "browsers_at_once": dict(self.shared),
+            "unfilled_links": list(self.unfilled),
+            "refusals": dict(self.refusals),
             "scenes": [
                 {"liquid": liquid, "scene": scene, "responses": responses}
                 for (liquid, scene), responses in self.responses.items()
@@ -122,6 +150,7 @@ def overview(storage: Storage, journal: Journal, *, stale_before: float = -math.
         is_stale = session.state == OPEN and session.last_seen < stale_before
         return DROPPED if is_stale else session.state
 
+    at_once = storage.browsers_at_once()
     trials = trials_table(storage, trajectories=False)
     trials = trials[trials["session"].isin(recruited)]
     test = trials[trials["phase"] == "test"]
@@ -140,5 +169,8 @@ def overview(storage: Storage, journal: Journal, *, stale_before: float = -math.
         conflicts=sum(record.session in recruited for record in storage.conflicts()),
         declined_later=tuple(one.participant for one in sessions if one.state == DECLINED_LATER),
         missing_in_journal=len(journal.missing(storage.journal_lines())),
+        shared={one.participant: at_once[one.number] for one in sessions if one.number in at_once},
+        unfilled=tuple(one.participant for one in sessions if UNFILLED in one.identifiers),
+        refusals=storage.refusals(),
         responses=responses,
     )

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pourcast.errors import InputError, one_line
-from pourcast.experiment.design.links import visitor
+from pourcast.experiment.design.links import marked, visitor
 from pourcast.experiment.design.steps import Schedule, Step
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_bodies import canonical
@@ -169,7 +169,7 @@ def _opened(source: _Source, storage: Storage, now: float) -> Session:
     arrival = Arrival(
         f"import {opening.session}",
         opening.entry,
-        opening.identifiers,
+        marked(opening.identifiers),
         tab="",
         participant=who.participant if who else "",
         key=opening.session,

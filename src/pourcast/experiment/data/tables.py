@@ -63,6 +63,8 @@ PARTICIPANT_COLUMNS = {
     "mobile": "Whether it was a mobile device",
     "refresh_rate": "Pictures that the screen shows in a second, measured [1/s]",
     "language": "Language of the browser",
+    "browsers": "Browsers that took turns with the session; with more than 1 its answers may be of "
+    "more than one person",
     "kept_aside": "Records that came under a key that had another one already",
     "remarks": "What the participant wrote at the end",
     "code": "The session's own code",
@@ -132,10 +134,11 @@ def participants_table(
         if record.session in records:
             records[record.session].append(record)
     conflicts = Counter(record.session for record in storage.conflicts())
+    at_once = storage.browsers_at_once()
     rows = []
     for number, session in sessions.items():
-        row = _participant(session, records[number]) | {"kept_aside": conflicts[number]}
-        rows.append(row)
+        counts = {"browsers": at_once.get(number, 1), "kept_aside": conflicts[number]}
+        rows.append(_participant(session, records[number]) | counts)
     table = pd.DataFrame(rows, columns=list(PARTICIPANT_COLUMNS))
     return _with_identifiers(table, list(sessions.values())) if identifiers else table
 

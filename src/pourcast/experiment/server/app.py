@@ -18,14 +18,25 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from pourcast.errors import StoreError
-from pourcast.experiment.design.links import visitor
+from pourcast.experiment.design.links import is_unaccepted, unfilled, visitor
 from pourcast.experiment.design.steps import Step
 from pourcast.experiment.page.pages import DIST, page_html, participant_view, require_page
+from pourcast.experiment.server.addresses import visitors_place
 from pourcast.experiment.server.live_experiment import LiveExperiment, NoSuchStepError
 from pourcast.experiment.storage.record_bodies import MAX_BODY
 from pourcast.experiment.storage.sessions import COMPLETE, DECLINED, OPEN, Refusal, Session
 
-_REFUSED = {"link": 403, "full": 403, "again": 403, "late": 410, "gone": 401, "busy": 429}
+_REFUSED = {
+    "link": 403,
+    "unfilled": 403,
+    "unaccepted": 403,
+    "unlisted": 403,
+    "full": 403,
+    "again": 403,
+    "late": 410,
+    "gone": 401,
+    "busy": 429,
+}
 
 _HEADERS = {
     "Content-Security-Policy": "; ".join(
@@ -168,6 +179,8 @@ def create_app(
         lifespan=lifespan,
     )
     app.state.stop_texts = experiment.texts["stop"]
+    # It would lead out of the path that a web server before this one serves it under.
+    app.router.redirect_slashes = False
     return app
 
 
@@ -193,9 +206,13 @@ class _Api:
         """Begin a session, or go on with that of the same request or platform session."""
         content = await _parsed(request, _BeginContent)
         who = visitor(content.link, self.experiment.storage.secret)
+        address = visitors_place(request.client.host) if request.client else ""
+        if who is None and is_unaccepted(content.link):
+            raise Refusal("unaccepted")
+        if who is None and (missing := unfilled(content.link)):
+            await self.experiment.refuse_unfilled(missing, address)
         if who is None or (who.entry == "simulation" and self.rehearsal is None):
             raise Refusal("link")
-        address = request.client.host if request.client else ""
         session, token = await self.experiment.begin(who, content.request, content.tab, address)
         answer = await self._session_view(session)
         if who.entry == "simulation" and self.rehearsal is not None:

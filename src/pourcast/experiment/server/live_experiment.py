@@ -7,15 +7,15 @@ happens after another.
 import asyncio
 import contextlib
 from collections import OrderedDict, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from pourcast.errors import StoreError
-from pourcast.experiment.design.links import Visitor
+from pourcast.experiment.design.links import PERSONAL, UNFILLED, Visitor
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.server.clock import Clock, RunningClock
@@ -41,6 +41,7 @@ from pourcast.experiment.storage.sessions import (
     token_digest,
 )
 from pourcast.experiment.storage.storage import Storage
+from pourcast.experiment.storage.visits import REFUSED_BECAUSE
 from pourcast.progress import Report, no_report
 
 T = TypeVar("T")
@@ -76,6 +77,8 @@ class LiveExperiment:
         Seconds since 1970, that go on evenly; a `RunningClock` by default.
     sessions_per_address
         How many sessions an address may open in an hour.
+    allowed_ids
+        Ids of a recruiting platform that may take part; None: all.
     journal_retry
         After so long what the journal could not take is tried again [s].
 
@@ -95,6 +98,7 @@ class LiveExperiment:
         *,
         clock: Clock | None = None,
         sessions_per_address: int = 200,
+        allowed_ids: Set[str] | None = None,
         journal_retry: float = _JOURNAL_RETRY,
     ) -> None:
         self.study, self.storage, self.clock = study, storage, clock or RunningClock()
@@ -115,6 +119,8 @@ class LiveExperiment:
         self._is_away = False
         self._visits = _Visits(sessions_per_address)
         self._sessions: OrderedDict[str, Session] = OrderedDict()
+        self._allowed_ids = allowed_ids
+        self._told_refusals: set[str] = set()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
         self._journal_retry = journal_retry
         self._waiting: asyncio.Queue[_Waiting] | None = None
@@ -147,6 +153,11 @@ class LiveExperiment:
         """Begin a session, or go on with it; see `Storage.begin`."""
         if not self._visits.allowed(address, self.clock()):
             raise Refusal("busy")
+        ids = {one for name, one in visitor.identifiers.items() if name in PERSONAL}
+        is_platforms = visitor.entry in ("prolific", "mturk")
+        if is_platforms and self._allowed_ids is not None and not ids <= self._allowed_ids:
+            await self._count_refusal("unlisted", ", ".join(ids))
+            raise Refusal("unlisted")
         arrival = Arrival(request, visitor.entry, visitor.identifiers, tab, visitor.participant)
 
         def work() -> tuple[Session, str]:
@@ -169,6 +180,37 @@ class LiveExperiment:
             return session, token
 
         return await self._call(work)
+
+    async def refuse_unfilled(self, found: Mapping[str, str], address: str) -> NoReturn:
+        """Refuse somebody whose link nobody filled in, and tell the researcher.
+
+        Parameters
+        ----------
+        found
+            What stands in the link in place of identifiers.
+        address
+            Of who comes.
+
+        Raises
+        ------
+        Refusal
+            Always.
+        """
+        if not self._visits.allowed(address, self.clock()):
+            raise Refusal("busy")
+        await self._count_refusal(UNFILLED, ", ".join(f"{k}={v}" for k, v in found.items()))
+        raise Refusal(UNFILLED)
+
+    async def _count_refusal(self, reason: str, found: str) -> None:
+        """Count a refusal, and tell of the first one."""
+        await self._call(lambda: self.storage.count_refusal(reason))
+        if reason not in self._told_refusals:
+            self._told_refusals.add(reason)
+            LOGGER.warning(
+                "a visitor was refused, %s (%.100r); `pourcast experiment status` counts them",
+                REFUSED_BECAUSE[reason],
+                found,
+            )
 
     async def resume(self, token: str, tab: str | None) -> Session:
         """Look a session up, and give it to a tab if there is one.

@@ -1,19 +1,29 @@
 """The server as a process: it has a study to itself, listens at an address, and is ended."""
 
+import asyncio
+import signal
 import socket
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping, Set
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 from filelock import FileLock, Timeout
 from starlette.applications import Starlette
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.design.links import participant_links
+from pourcast.experiment.server.addresses import NO_PROXIES, ForwardedAddress, Proxies
 from pourcast.experiment.server.admin import admin_routes
 from pourcast.experiment.server.app import create_app
+from pourcast.experiment.server.connections import (
+    ENDING_SECONDS,
+    LimitedConnection,
+    raise_file_limit,
+)
 from pourcast.experiment.server.live_experiment import LiveExperiment
 from pourcast.experiment.storage.storage import Storage
 from pourcast.files import PRIVATE, keep_private
@@ -22,6 +32,9 @@ from pourcast.progress import Report, no_report
 LOCK = "experiment.lock"
 
 _BACKLOG = 2048
+
+_LONGEST_END = int(2 * ENDING_SECONDS) + 1
+"""After so long what is not answered is broken off, when the server ends [s]."""
 
 
 @dataclass(frozen=True)
@@ -34,23 +47,32 @@ class Address:
         What the server listens to; port 0 takes any free one.
     public_url
         How participants reach it, if there is another server before it.
-    behind_proxy
-        Whether to believe that server who the participants are.
+    proxies
+        Such servers, that are believed who the participants are.
     """
 
     host: str = "127.0.0.1"
     port: int = 8000
     public_url: str = ""
-    behind_proxy: bool = False
+    proxies: Proxies = NO_PROXIES
 
     def __post_init__(self) -> None:
         if self.public_url and not self.public_url.startswith(("http://", "https://")):
             raise InputError(f"public-url: expected http:// or https://, found {self.public_url}")
+        if self.proxies.hops and not self.proxies.networks and not self._is_here:
+            raise InputError(
+                f"host: at {self.host} anybody can come past your web server; say where it is by "
+                "--trusted-proxy, or listen to this machine alone (127.0.0.1)"
+            )
+
+    @property
+    def _is_here(self) -> bool:
+        return self.host in ("127.0.0.1", "::1", "localhost")
 
     @property
     def is_public(self) -> bool:
         """Whether others than this machine can reach it."""
-        return bool(self.public_url) or self.host not in ("127.0.0.1", "::1", "localhost")
+        return bool(self.public_url) or not self._is_here
 
     def base(self, port: int) -> str:
         """URL that links begin with."""
@@ -76,6 +98,8 @@ class ExperimentServer:
         Whether there is an admin page; None: only if others can't reach the address.
     sessions_per_address
         How many sessions an address may open in an hour.
+    allowed_ids
+        Ids of a recruiting platform that may take part; None: all.
     report
         Told of the progress of making stimuli.
 
@@ -95,6 +119,7 @@ class ExperimentServer:
         *,
         admin: bool | None = None,
         sessions_per_address: int = 200,
+        allowed_ids: Set[str] | None = None,
         report: Report = no_report,
     ) -> None:
         self.address = address
@@ -103,7 +128,11 @@ class ExperimentServer:
             lock = lock_study(study)
             resources.callback(lock.release)
             self.experiment = LiveExperiment(
-                study, storage, report, sessions_per_address=sessions_per_address
+                study,
+                storage,
+                report,
+                sessions_per_address=sessions_per_address,
+                allowed_ids=allowed_ids,
             )
             resources.callback(self.experiment.close)
             routes = admin_routes(self.experiment) if self.has_admin else ()
@@ -183,17 +212,64 @@ def serve(app: Starlette, address: Address, ready: Callable[[str], None]) -> Non
             raise StoreError(
                 f"{address.host}:{address.port}: {error.strerror}; choose another with --port"
             ) from None
-        ready(address.base(listener.getsockname()[1]))
-        config = uvicorn.Config(
-            app,
-            log_level="warning",
-            access_log=False,
-            server_header=False,
-            proxy_headers=address.behind_proxy,
-            forwarded_allow_ips="*" if address.behind_proxy else None,
-            timeout_graceful_shutdown=10,
-            # Longer than a trial: a connection serves a whole session.
-            timeout_keep_alive=75,
-        )
-        with suppress(KeyboardInterrupt):  # uvicorn ends first, and then raises it
-            uvicorn.Server(config).run(sockets=[listener])
+        raise_file_limit()
+        server = web_server(app, address.proxies)
+        with _ended_by_signals(server):
+            ready(address.base(listener.getsockname()[1]))
+            server.run(sockets=[listener])
+
+
+def web_server(app: ASGIApp, proxies: Proxies) -> uvicorn.Server:
+    """A server of an application that leaves signals alone; its connections have time limits."""
+    config = uvicorn.Config(
+        _EndsQuietly(ForwardedAddress(app, proxies)),
+        http=LimitedConnection,
+        ws="none",
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        timeout_graceful_shutdown=_LONGEST_END,
+        # Longer than a trial: a connection serves a whole session.
+        timeout_keep_alive=75,
+    )
+    return _Server(config)
+
+
+class _EndsQuietly:
+    """Middleware: what is broken off when the server ends is no error."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or be cancelled without a word: the connection is gone by then."""
+        with suppress(asyncio.CancelledError):
+            await self.app(scope, receive, send)
+
+
+class _Server(uvicorn.Server):
+    """uvicorn's server, which leaves signals to us.
+
+    By itself it raises them again when it has ended, and takes a second one for leave to break off.
+    """
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave signals alone."""
+        yield
+
+
+@contextmanager
+def _ended_by_signals(server: uvicorn.Server) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end a server, which takes seconds; more of them change nothing."""
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        server.should_exit = True
+
+    before = {one: signal.signal(one, end) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import sqlalchemy as sa
 
 from pourcast.errors import InputError
-from pourcast.experiment.storage.schema import META, SCHEMA, TABLES
+from pourcast.experiment.storage.schema import BROWSERS, META, REFUSALS, SCHEMA, TABLES
 
 if TYPE_CHECKING:
     from alembic.operations import Operations
@@ -102,5 +102,14 @@ def _last_number(connection: sa.Connection) -> int | None:
     return None if number is None else int(number)
 
 
-_STEPS: dict[int, Callable[["Operations", sa.Connection], None]] = {1: _name_sessions}
+def _count_visits(_: "Operations", connection: sa.Connection) -> None:
+    """From 2 to 3: it is noted who took turns with a session, and who was refused."""
+    for table in (BROWSERS, REFUSALS):
+        table.create(connection)
+
+
+_STEPS: dict[int, Callable[["Operations", sa.Connection], None]] = {
+    1: _name_sessions,
+    2: _count_visits,
+}
 """What brings a version's tables to the next one's."""

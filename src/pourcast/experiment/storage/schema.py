@@ -2,7 +2,7 @@
 
 import sqlalchemy as sa
 
-SCHEMA = 2
+SCHEMA = 3
 """Version of these tables; `migrations` brings older ones to it."""
 
 TABLES = sa.MetaData()
@@ -55,4 +55,17 @@ CONFLICTS = sa.Table(
     sa.Column("digest", sa.Text, primary_key=True),
     sa.Column("body", sa.Text, nullable=False),
     sa.Column("received", sa.Float, nullable=False),
+)
+BROWSERS = sa.Table(
+    "browsers",
+    TABLES,
+    # Beside the one that began the session: those that went on with it while another was at it.
+    sa.Column("session", sa.ForeignKey("sessions.id"), primary_key=True),
+    sa.Column("request", sa.Text, primary_key=True),
+)
+REFUSALS = sa.Table(
+    "refusals",
+    TABLES,
+    sa.Column("reason", sa.Text, primary_key=True),
+    sa.Column("visits", sa.Integer, nullable=False),
 )

@@ -51,7 +51,15 @@ from pourcast.experiment.storage.records import (
     save_records,
     saved_steps,
 )
-from pourcast.experiment.storage.schema import CONFLICTS, META, RECORDS, SCHEMA, SESSIONS, TOKENS
+from pourcast.experiment.storage.schema import (
+    BROWSERS,
+    CONFLICTS,
+    META,
+    RECORDS,
+    SCHEMA,
+    SESSIONS,
+    TOKENS,
+)
 from pourcast.experiment.storage.sessions import (
     DROPPED,
     OPEN,
@@ -73,6 +81,12 @@ from pourcast.experiment.storage.sessions import (
     session_by_token,
     session_to_resume,
     wait_anew,
+)
+from pourcast.experiment.storage.visits import (
+    browsers_at_once,
+    count_refusal,
+    note_browser,
+    refusals,
 )
 from pourcast.experiment.storage.words import NAMES, kept_words, made_words
 from pourcast.files import keep_private
@@ -298,6 +312,7 @@ class Storage:
                 )
             else:
                 number = known.number
+                note_browser(connection, known, arrival.request, now)
                 _go_on(connection, known, places, now)
             claim_session(connection, number, arrival.tab, now)
             token = add_token(connection, number)
@@ -443,6 +458,23 @@ class Storage:
             ),
         ]
 
+    # Visits ----------------------------------------------------------------------------
+
+    def browsers_at_once(self) -> dict[int, int]:
+        """How many browsers took turns with a session, by number; only where several did."""
+        with self._reading() as connection:
+            return browsers_at_once(connection)
+
+    def count_refusal(self, reason: str) -> None:
+        """Count a visit that was refused."""
+        with self._writing() as connection:
+            count_refusal(connection, reason)
+
+    def refusals(self) -> dict[str, int]:
+        """How many visits were refused, by reason, of those reasons that are counted."""
+        with self._reading() as connection:
+            return refusals(connection)
+
     # All of it -----------------------------------------------------------------------
 
     def delete(self, sessions: Iterable[int]) -> dict[str, int]:
@@ -463,6 +495,7 @@ class Storage:
                 (RECORDS, RECORDS.c.session),
                 (CONFLICTS, CONFLICTS.c.session),
                 (TOKENS, TOKENS.c.session),
+                (BROWSERS, BROWSERS.c.session),
                 (SESSIONS, SESSIONS.c.id),
             ):
                 result = connection.execute(table.delete().where(column.in_(numbers)))
