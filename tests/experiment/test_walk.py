@@ -104,6 +104,7 @@ class Walk(RuleBasedStateMachine):
         self.resources.callback(self.world.stop)
         self.oracle = Oracle(self.world, GAP)
         self.browsers = []
+        self.past = []
         self.sent = []
         self.tally["walks"] += 1
         self.counts = dict.fromkeys(("browser", "answer"), 0)
@@ -249,6 +250,7 @@ class Walk(RuleBasedStateMachine):
         for _ in range(len(browser.steps) - len(browser.saved)):
             self._put(browser, *self._next(browser), HEARD)
         self._finish(browser, COMPLETE, HEARD)
+        self.past.append(browser)
 
     @rule(who=PEOPLE, which=st.integers(0, 20), same=st.booleans(), fate=FATES)
     def answer_again(self, who, which, same, fate):
@@ -290,6 +292,12 @@ class Walk(RuleBasedStateMachine):
             self._put(browser, *self._next(browser), fate, tabs[tab % len(tabs)])
 
     ENDS = st.sampled_from(["declined", "screened_out", "failed_check", COMPLETE])
+
+    @precondition(lambda self: any(b.key for b in self.past))
+    @rule(which=st.integers(0, 30), state=ENDS, fate=FATES)
+    def who_has_left_leaves_again(self, which, state, fate):
+        past = [browser for browser in self.past if browser.key]
+        self._finish(past[-1 - which % len(past)], state, fate)
 
     @rule(who=PEOPLE, state=ENDS, fate=FATES)
     def leave(self, who, state, fate):
@@ -340,12 +348,71 @@ class Walk(RuleBasedStateMachine):
                 self.oracle.died(one)
         self.oracle.check_nothing_is_left()
 
-    @rule(who=PEOPLE)
-    def import_file(self, who):
+    @rule(people=st.lists(PEOPLE, min_size=1, max_size=4), commit=st.integers(1, 3))
+    def withdraw_while_answers_come(self, people, commit):
+        browsers = [self._of(who) for who in people]
+        kept = self.oracle.alive.get(browsers[0].key)
+        if kept is None or browsers[0].refusals:
+            return
+        answers = [(browser, *self._next(browser)) for browser in browsers if browser.steps]
+        self._withdrawn_meanwhile(kept, [self._record(*one) for one in answers], commit)
+
+    def _withdrawn_meanwhile(self, kept, requests, commit):
+        self.oracle.pass_time(1.0)
+        self.sent += requests
+        done = []
+        answers = self.world.ask(
+            requests,
+            meanwhile=lambda: done.append(self.world.withdraw_now(kept.participant)),
+            commit=commit,
+        )
+        theirs = [self.oracle.tokens.get(request.token) == kept.key for request in requests]
+        for request, told, is_theirs in zip(requests, answers, theirs, strict=True):
+            if is_theirs and done:
+                # Before it or after it.
+                assert told.status in (200, 401), told
+            else:
+                self.oracle.answered(request, told)
+        if done:
+            self.oracle.died(kept)
+        self.oracle.check_nothing_is_left()
+
+    @rule(running=st.booleans(), who=PEOPLE)
+    def the_database_is_deleted(self, running, who):
+        browser = self._of(who)
+        if not running:
+            self.world.stop()
+        self.world.delete_database()
+        requests = [self._record(browser, *self._next(browser))] if browser.steps else []
+        if running:
+            self.sent += requests
+            answers = self.world.ask(requests)
+            taken = [one for one in zip(requests, answers, strict=True) if one[1].status < 500]
+            for request, told in taken:
+                self.oracle.answered(request, told)
+            self.world.stop()
+        self.world.start()
+        self.oracle.restored()
+        if running:
+            self.oracle.settle(requests)
+
+    @rule(who=PEOPLE, death=DEATHS)
+    def import_file(self, who, death):
         browser = self._of(who)
         kept = self.oracle.alive.get(browser.key)
-        if kept is None or not browser.outbox:
-            return
+        if kept is not None and browser.outbox:
+            summary = self.world.import_file(self._downloaded(browser), death)
+            self.oracle.imported(kept, browser.outbox, summary)
+
+    @precondition(lambda self: self.oracle.dead)
+    @rule(which=st.integers(0, 30))
+    def import_file_of_who_is_gone(self, which):
+        gone = [b for b in [*self.past, *self.browsers] if b.key in self.oracle.dead and b.outbox]
+        if gone:
+            path = self._downloaded(gone[which % len(gone)])
+            assert self.world.import_file(path).left_out == 1 + len(gone[which % len(gone)].outbox)
+
+    def _downloaded(self, browser):
         path = self.world.study.parent / "downloaded.jsonl"
         opening = {"format": "pourcast-records", "schema_version": 1, "session": browser.key}
         records = [
@@ -353,8 +420,7 @@ class Walk(RuleBasedStateMachine):
             for seq, body in sorted(browser.outbox.items())
         ]
         path.write_text("".join(json.dumps(line) + "\n" for line in [opening, *records]))
-        summary = self.world.import_file(path)
-        self.oracle.imported(kept, browser.outbox, summary)
+        return path
 
     @rule(seconds=st.sampled_from([-30 * DAY, -DAY, -HOUR, 2 * HOUR, DAY, 30 * DAY]))
     def clock_jumps(self, seconds):

@@ -236,7 +236,10 @@ class Oracle:
             self.died(kept)
 
     def imported(self, kept, bodies, summary):
-        """A person's file was taken in."""
+        """A person's file was taken in, or nobody heard that it was."""
+        if summary is None:
+            self._settle_import(kept, bodies)
+            return
         said = Counter(self._keep(kept, seq, body) for seq, body in bodies.items())
         assert (summary.new, summary.repeated, summary.conflicts) == tuple(
             said[name] for name in ("new", "repeated", "conflict")
@@ -244,11 +247,25 @@ class Oracle:
         if not kept.missing and kept.state in (OPEN, DROPPED):
             kept.state = COMPLETE
 
+    def _settle_import(self, kept, bodies):
+        there = self._bodies_there()
+        for seq, body in bodies.items():
+            if there[kept.key, seq, body["rt"]]:
+                self._keep(kept, seq, body)
+        if not kept.missing and kept.state in (OPEN, DROPPED):
+            kept.may_be = {COMPLETE}
+
     def died(self, kept):
         """Somebody declined, or was withdrawn."""
         self.seen["gone"] += 1
         del self.alive[kept.key]
         self.dead[kept.key] = kept
+
+    def restored(self):
+        """The database was made anew from the journal: numbers may have begun again."""
+        self.numbers.clear()
+        for kept in self.alive.values():
+            kept.number = None
 
     # What was sent, and nobody heard the answer ------------------------------------------
 
@@ -293,15 +310,19 @@ class Oracle:
             self._claimed(kept, request)
 
     def _settle_records(self, requests):
-        numbers = {one.number: one.key for one in self.world.storage.sessions()}
-        there = [*self.world.storage.records(), *self.world.storage.conflicts()]
-        bodies = Counter((numbers[r.session], r.seq, _answer_id(r.body)) for r in there)
+        bodies = self._bodies_there()
         for request in requests:
             kept = self.alive.get(self.tokens.get(request.token, ""))
             body = request.content["body"]
             if kept is not None and bodies[kept.key, request.seq, body["rt"]]:
                 self._keep(kept, request.seq, body)
                 self._heard_of(kept)
+
+    def _bodies_there(self):
+        """The answers in the database, by session, step and what tells them from all others."""
+        numbers = {one.number: one.key for one in self.world.storage.sessions()}
+        there = [*self.world.storage.records(), *self.world.storage.conflicts()]
+        return Counter((numbers[r.session], r.seq, _answer_id(r.body)) for r in there)
 
     # The study -------------------------------------------------------------------------
 
@@ -336,6 +357,7 @@ class Oracle:
             assert session.number not in self.numbers, "a number was given out again"
             self.numbers[session.number] = kept.key
             kept.number = session.number
+        if kept.place is None:
             self._check_place(kept, session)
             kept.place = (session.group, session.place)
         assert session.number == kept.number

@@ -112,6 +112,8 @@ class World:
         self.starts = 0
         self._dead = False
         self._touches_left = None
+        self._meanwhile = None
+        self._commits_left = 0
         self._dies_at_the_answer = False
         self.start()
 
@@ -172,13 +174,15 @@ class World:
 
     # What is done with it ------------------------------------------------------------
 
-    def ask(self, requests, kill=None):
+    def ask(self, requests, kill=None, *, meanwhile=None, commit=1):
         """Send requests at the same time.
 
         Parameters
         ----------
         requests
             What is sent.
+        meanwhile, commit
+            What another process does after so many commits, before the server does anything else.
         kill
             The server is killed meanwhile, and started again: `AT_THE_ANSWER`, or when the disk
             has been touched so often. None: it isn't killed.
@@ -192,18 +196,22 @@ class World:
         async def all_of_it():
             return await asyncio.gather(*map(self._ask, requests))
 
-        return self._killed(lambda: self._loop.run_until_complete(all_of_it()), kill)
+        self._meanwhile, self._commits_left = meanwhile, commit
+        try:
+            return self._killed(lambda: self._loop.run_until_complete(all_of_it()), kill)
+        finally:
+            self._meanwhile = None
 
     def withdraw(self, who, kill=None):
         """Withdraw somebody, in another process; whether it was said that it is done."""
-
-        def work():
-            with self.other_process() as (storage, journal):
-                withdraw(self.study, storage, journal, who)
-            return not self._dead
-
         with self._counted_here():
-            return self._killed(work, kill)
+            return self._killed(lambda: self.withdraw_now(who), kill)
+
+    def withdraw_now(self, who):
+        """The work of another process, that is killed with the server if anything is."""
+        with self.other_process() as (storage, journal):
+            withdraw(self.study, storage, journal, who)
+        return not self._dead
 
     def import_file(self, path, kill=None):
         """Take a file of records in, in another process; None if it was killed in it."""
@@ -216,6 +224,19 @@ class World:
 
         with self._counted_here():
             return self._killed(work, kill)
+
+    def delete_database(self):
+        """Delete the database, whoever uses it."""
+        if self.url is None:
+            for path in self.study.glob("responses.sqlite*"):
+                path.unlink()
+            return
+        _cut_connections(self.url)
+        engine = sa.create_engine(sa.make_url(self.url).set(drivername="postgresql+psycopg"))
+        with engine.begin() as connection:
+            connection.exec_driver_sql("DROP SCHEMA public CASCADE")
+            connection.exec_driver_sql("CREATE SCHEMA public")
+        engine.dispose()
 
     def kill(self):
         """Kill the server while nothing happens."""
@@ -283,9 +304,16 @@ class World:
 
     def _count(self, frame, event, argument):
         """Profiling function: dies when the disk has been touched often enough."""
-        if self._touches_left is None:
+        if self._touches_left is None and self._meanwhile is None:
             return
         name = argument.__name__ if event.startswith("c_") else frame.f_code.co_name
+        if self._meanwhile is not None and (event, name) == ("return", "do_commit"):
+            self._commits_left -= 1
+            if self._commits_left == 0:
+                work, self._meanwhile = self._meanwhile, None
+                work()
+        if self._touches_left is None:
+            return
         if name in _TOUCHES:
             self._touches_left -= 1
             if self._touches_left <= 0:
