@@ -12,7 +12,12 @@ from pourcast.experiment.data.dataset import write_data
 from pourcast.experiment.data.overview import study_overview
 from pourcast.experiment.data.record_import import import_records
 from pourcast.experiment.data.responses import study_responses
-from pourcast.experiment.data.tables import PARTICIPANT_COLUMNS, TRIAL_COLUMNS, defused
+from pourcast.experiment.data.tables import (
+    PARTICIPANT_COLUMNS,
+    TRIAL_COLUMNS,
+    defused,
+    trials_table,
+)
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.storage import Storage, study_storage
@@ -63,6 +68,22 @@ def test_tables_hold_every_answer_and_no_platform_id(collected, tmp_path, capsys
     people = pd.read_csv(tmp_path / "ids" / "participants.csv")
     assert len(people) == 3
     assert people["id_PROLIFIC_PID"].tolist()[1] == "5f0secret"
+
+
+def test_a_judgment_says_how_large_its_picture_was_but_older_ones_stay_as_they_are(tmp_path):
+    size = {"picture_width": 215.3, "picture_height": 323.0, "pixel_ratio": 1.25}
+    with api_of(small_study(tmp_path)) as api:
+        told = api.begin().json()
+        seqs = [step["seq"] for step in told["steps"] if step["kind"] == "judgment"]
+        # A page, or a file, of an earlier release says nothing of it, nor does what is stored.
+        assert api.put(told, seqs[0], judgment(0.5)).status_code == 200
+        assert api.put(told, seqs[1], judgment(0.6, **size)).status_code == 200
+        old, new = (json.loads(record.body) for record in api.storage.records())
+        assert not size.keys() & old.keys()
+        assert size.items() <= new.items()
+        table = trials_table(api.storage)
+        assert table[list(size)].isna().all(axis=1).tolist() == [True, False]
+        assert table[list(size)].iloc[1].to_dict() == size
 
 
 def test_comparing_reads_the_database_and_turns_no_cup_around(collected):

@@ -20,6 +20,7 @@ from pourcast.experiment.design.links import PERSONAL, UNFILLED, Visitor
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.server.clock import Clock, RunningClock
+from pourcast.experiment.storage.database_file import TakenAwayError
 from pourcast.experiment.storage.endings import Ending
 from pourcast.experiment.storage.failures import LOGGER, Failures
 from pourcast.experiment.storage.journal import Journal, journal_words
@@ -117,7 +118,8 @@ class LiveExperiment:
         # All that an earlier server's stamps tell may be of another clock.
         self.storage.wait_anew(self.clock())
         self._delete_declined()
-        self.storage.forget_log()
+        # What an earlier server deleted may be in the log still, if it was killed just then.
+        self._log_is_clean = storage.forget_log()
         self.journal.catch_up(storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
         self._states = storage.states()
@@ -172,7 +174,7 @@ class LiveExperiment:
         ids = {one for name, one in visitor.identifiers.items() if name in PERSONAL}
         is_platforms = visitor.entry in ("prolific", "mturk")
         if is_platforms and self._allowed_ids is not None and not ids <= self._allowed_ids:
-            await self._count_refusal("unlisted", ", ".join(ids))
+            await self._count_refusal("unlisted")
             raise Refusal("unlisted")
         arrival = Arrival(request, visitor.entry, visitor.identifiers, tab, visitor.participant)
 
@@ -219,15 +221,15 @@ class LiveExperiment:
         await self._count_refusal(UNFILLED, ", ".join(f"{k}={v}" for k, v in found.items()))
         raise Refusal(UNFILLED)
 
-    async def _count_refusal(self, reason: str, found: str) -> None:
-        """Count a refusal, and tell of the first one."""
+    async def _count_refusal(self, reason: str, found: str = "") -> None:
+        """Count a refusal, and tell of the first one: without ids, which are for no log."""
         await self._call(lambda: self.storage.count_refusal(reason))
         if reason not in self._told_refusals:
             self._told_refusals.add(reason)
             LOGGER.warning(
-                "a visitor was refused, %s (%.100r); `pourcast experiment status` counts them",
+                "a visitor was refused, %s%s; `pourcast experiment status` counts them",
                 REFUSED_BECAUSE[reason],
-                found,
+                f" (found {found[:100]!r})" if found else "",
             )
 
     async def resume(self, token: str, tab: str | None) -> Session:
@@ -339,10 +341,14 @@ class LiveExperiment:
         sessions = [one for one in self.storage.sessions() if one.state == DECLINED]
         if not sessions:
             return
-        self.journal.remove({session.key for session in sessions})
+        # Lines that were damaged, too, if they have a name that is this person's alone.
+        names = {one.code for one in sessions} | {
+            value for one in sessions for name, value in one.identifiers.items() if name in PERSONAL
+        }
+        self.journal.remove({session.key for session in sessions}, names)
         self._journal_identity = self._identity_of_journal()
         self.storage.delete({session.number for session in sessions})
-        self.storage.forget_log()
+        self._log_is_clean = self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------
 
@@ -435,42 +441,49 @@ class LiveExperiment:
             self._is_away = True
             raise
         if self._is_away:
+            self._is_away = False
             # It may have taken records that nobody was told of, nor the journal.
             self.journal.catch_up(self.storage.journal_lines())
             self._journal_identity = self._identity_of_journal()
             self.storage_failures.end()
-            self._is_away = False
         self._look_after_journal()
+        if not self._log_is_clean:
+            self._log_is_clean = self.storage.forget_log()
 
     def _append_to_journal(self, lines: Iterable[Line]) -> None:
         """Append what the database has by now; a journal that somebody took away is told of."""
-        if self._look_after_journal():
-            self.journal.append(lines)
-            self._journal_identity = self._identity_of_journal()
+        if not self._look_after_journal():
+            lines = self.journal.missing(lines)
+        self.journal.append(lines)
+        self._journal_identity = self._identity_of_journal()
 
     def _look_after_journal(self) -> bool:
         """Write the journal anew from the database if it was taken away; whether it was there."""
-        if self._identity_of_journal() == self._journal_identity:
+        found, before = self._identity_of_journal(), self._journal_identity
+        if found == before and self.journal.waiting:
+            return True  # it could not be made yet
+        # The system gives the number of a file that was deleted to the next one.
+        if found and before and found[0] == before[0] and found[1] >= before[1]:
             return True
         self.journal.keep_waiting_of(())  # all of it is in the database
         missing = self.journal.catch_up(self.storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
-        if missing:
+        if missing and before is not None:
             LOGGER.warning(
-                "%s: was deleted or replaced while the study was served; %s lines that it lacked "
-                "were written again from the database",
+                "%s: was deleted, emptied or replaced while the study was served; %s lines that it "
+                "lacked were written again from the database",
                 self.journal.path,
                 missing,
             )
         return False
 
-    def _identity_of_journal(self) -> tuple[int, int] | None:
-        """Which file the journal is; None if there is none."""
+    def _identity_of_journal(self) -> tuple[tuple[int, int], int] | None:
+        """Which file the journal is, and its size; None if there is none, or nothing in it."""
         try:
             found = self.journal.path.stat()
         except OSError:
             return None
-        return found.st_dev, found.st_ino
+        return ((found.st_dev, found.st_ino), found.st_size) if found.st_size else None
 
     def _forget_deleted_sessions(self) -> None:
         """Keep out of the journal who withdrew while it could not be written."""
@@ -485,6 +498,7 @@ class LiveExperiment:
                 result = work()
             except StoreError as error:
                 self.storage_failures.add(str(error))
+                self._is_away |= isinstance(error, TakenAwayError)
                 raise
             self.storage_failures.end()
             return result

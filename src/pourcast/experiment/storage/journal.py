@@ -27,7 +27,7 @@ from pourcast.experiment.storage.record_lines import (
     line_names,
     names_of,
 )
-from pourcast.files import PRIVATE, keep_private, replacing
+from pourcast.files import PRIVATE, keep_private, left_behind, replacing
 
 NAME = "responses.jsonl"
 
@@ -200,8 +200,11 @@ class Journal:
 
     def rewrite(self, content: bytes) -> None:
         """Put something else in the place of the file, all of it or nothing."""
-        with self._lock, replacing(self.path, private=True) as temporary:
-            temporary.write_bytes(content)
+        with self._lock:
+            for old in left_behind(self.path):  # whoever wrote it was killed: we have the lock
+                old.unlink(missing_ok=True)
+            with replacing(self.path, private=True) as temporary:
+                temporary.write_bytes(content)
 
     @contextmanager
     def _locked_if_possible(self) -> Iterator[None]:

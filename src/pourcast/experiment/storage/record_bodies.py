@@ -41,6 +41,9 @@ class Judgment(_Body):
     moves: _Count
     input: Literal["mouse", "touch", "keyboard", "none"]
     trajectory: list[tuple[_Seconds, _Share]] | None = Field(default=None, max_length=2000)
+    picture_width: _Pixels | None = None
+    picture_height: _Pixels | None = None
+    pixel_ratio: _Pixels | None = None
 
 
 class Film(_Body):
@@ -91,6 +94,11 @@ BODIES: dict[str, type[_Body]] = {
 """What a record says, by the kind of its step."""
 
 
+_LATER = {"picture_width", "picture_height", "pixel_ratio"}
+"""What records of earlier releases lack. Without a value it is left out, so that such a record is
+the same however often it comes in."""
+
+
 def storable(value: Any) -> Any:
     """Something of JSON's types, with U+FFFD for what no database and no text file takes."""
     if isinstance(value, str):
@@ -111,4 +119,5 @@ def canonical(kind: str, content: Any) -> str:
         If it is not what such a step's record says.
     """
     body = BODIES[kind].model_validate(storable(content)).model_dump(mode="json")
+    body = {name: value for name, value in body.items() if value is not None or name not in _LATER}
     return json.dumps(body, sort_keys=True, separators=(",", ":"), ensure_ascii=True)

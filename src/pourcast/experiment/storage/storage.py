@@ -15,6 +15,7 @@ import sqlalchemy as sa
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.design.steps import Schedule
 from pourcast.experiment.storage.database import (
+    BUSY_TIMEOUT,
     connection_engine,
     database_files,
     database_url,
@@ -527,11 +528,20 @@ class Storage:
                 deleted[table.name] = result.rowcount
         return deleted
 
-    def forget_log(self) -> None:
-        """Take out of SQLite's write-ahead log what was deleted, as far as nobody reads it now."""
-        if self._file is not None:
-            with self._alone() as connection:
-                connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
+    def forget_log(self) -> bool:
+        """Take out of SQLite's write-ahead log what was deleted; whether it could be done.
+
+        It is not waited for whoever reads at the moment.
+        """
+        if self._file is None:
+            return True
+        with self._alone() as connection:
+            connection.exec_driver_sql("PRAGMA busy_timeout = 0")
+            try:
+                busy = connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)").one()[0]
+            finally:
+                connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY_TIMEOUT}")
+            return not busy
 
     def write_anew(self) -> None:
         """Write the database's files anew, so that nothing deleted stays in them.
@@ -555,7 +565,7 @@ class Storage:
 
     @contextmanager
     def _alone(self) -> Iterator[sa.Connection]:
-        """A connection without a transaction, for what is done in none."""
+        """A connection for what can be done in no transaction."""
         try:
             with self.engine.connect().execution_options(
                 isolation_level="AUTOCOMMIT"
