@@ -558,3 +558,16 @@ def collected(template, tmp_path_factory):
         collect(api)
     shutil.copy(study / "responses.jsonl", study / "whole")
     return study
+
+
+def test_a_database_that_lacks_what_the_journal_has_is_told_of(study, tmp_path, capsys):
+    with server(study) as api:
+        collect(api)
+    delete_database(study)
+    # Something made a new one, which nobody has come to.
+    Storage.of_study(study).close()
+    assert call("status", study) == 0
+    said = capsys.readouterr().out
+    assert "records are in responses.jsonl alone, and not in the database; the server takes" in said
+    with server(study):
+        assert everything(study)["overview"]["missing_in_database"] == 0
