@@ -20,6 +20,9 @@ _NETWORK_FILE_SYSTEMS = frozenset(
 )  # fmt: skip
 """File systems on which SQLite's write-ahead log is not safe."""
 
+BUSY_TIMEOUT = 10_000
+"""So long SQLite waits for others who use the database [ms]."""
+
 
 def database_url(text: str) -> sa.URL:
     """A database's URL, checked.
@@ -154,7 +157,7 @@ def _set_sqlite_pragmas(connection: Any) -> None:
     connection.isolation_level = None  # transactions begin by `_begin`
     cursor = connection.cursor()
     for pragma in (
-        "busy_timeout = 10000",
+        f"busy_timeout = {BUSY_TIMEOUT}",
         "journal_mode = WAL",
         "synchronous = FULL",
         "foreign_keys = ON",
