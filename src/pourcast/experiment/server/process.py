@@ -182,6 +182,8 @@ def lock_study(study: Path) -> FileLock:
         lock.acquire(blocking=False)
     except Timeout:
         raise StoreError(f"{study}: is being served already; end that server first") from None
+    except OSError as error:
+        raise StoreError(f"{study}: cannot be written ({error.strerror or error})") from None
     return lock
 
 
