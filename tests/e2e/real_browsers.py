@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import subprocess
+import warnings
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
 from pathlib import Path
@@ -107,7 +108,9 @@ class FirefoxTab(Tab):
         return json.loads(answer["result"]["value"])
 
     def act(self, kind, actions, **more):
-        self.send("input.performActions", actions=[{"type": kind, "id": kind, "actions": actions, **more}])
+        self.send(
+            "input.performActions", actions=[{"type": kind, "id": kind, "actions": actions, **more}]
+        )
 
     def point(self, x, y, *, press=False):
         moves = [{"type": "pointerMove", "x": round(x), "y": round(y)}]
@@ -175,7 +178,9 @@ def firefox_tab(folder, **preferences):
     profile = folder / "profile"
     profile.mkdir()
     given = {"full-screen-api.warning.timeout": 0} | preferences
-    lines = [f"user_pref({json.dumps(name)}, {json.dumps(value)});\n" for name, value in given.items()]
+    lines = [
+        f"user_pref({json.dumps(name)}, {json.dumps(value)});\n" for name, value in given.items()
+    ]
     (profile / "user.js").write_text("".join(lines))
     # The size of its screen.
     size = {"MOZ_HEADLESS_WIDTH": str(WIDTH), "MOZ_HEADLESS_HEIGHT": str(HEIGHT)}
@@ -189,8 +194,9 @@ def firefox_tab(folder, **preferences):
     connection = WebSocketConnection(f"{address}/session", 60, 0.005)
     try:
         connection.send_cmd("session.new", {"capabilities": {}})
-        tree = connection.send_cmd("browsingContext.getTree", {})["result"]
-        yield FirefoxTab(connection, tree["contexts"][0]["context"])
+        # The tab that it begins with leaves the keys to the field for addresses.
+        created = connection.send_cmd("browsingContext.create", {"type": "tab"})
+        yield FirefoxTab(connection, created["result"]["context"])
     finally:
         connection.close()
         process.terminate()
@@ -225,10 +231,10 @@ def webkit_tab(_folder):
         environment = {"DISPLAY": display, "GDK_BACKEND": "x11"}
         if os.geteuid() == 0:  # as root it can't have its sandbox
             environment["WEBKIT_DISABLE_SANDBOX_THIS_IS_DANGEROUS"] = "1"
-        service = webdriver.WebKitGTKService(
-            shutil.which("WebKitWebDriver"), env=os.environ | environment
-        ) if hasattr(webdriver, "WebKitGTKService") else None
-        driver = webdriver.WebKitGTK(options=options, service=service)
+        service = webdriver.WebKitGTKService(env=os.environ | environment)
+        with warnings.catch_warnings():  # Selenium warns of its own call
+            warnings.simplefilter("ignore", DeprecationWarning)
+            driver = webdriver.WebKitGTK(options=options, service=service)
         try:
             driver.set_window_rect(0, 0, WIDTH, HEIGHT)
             yield WebKitTab(driver)
@@ -239,6 +245,9 @@ def webkit_tab(_folder):
 BROWSERS = {
     "chromium": (chromium_tab, shutil.which("chromium")),
     "firefox": (firefox_tab, shutil.which("firefox-esr")),
-    "webkit": (webkit_tab, MINI_BROWSER and shutil.which("WebKitWebDriver") and shutil.which("Xvfb")),
+    "webkit": (
+        webkit_tab,
+        MINI_BROWSER and shutil.which("WebKitWebDriver") and shutil.which("Xvfb"),
+    ),
 }
 """How a tab is had in each, and whether it is there (Debian: firefox-esr; webkit2gtk-driver xvfb)."""
