@@ -105,7 +105,7 @@ class LiveExperiment:
         journal_retry: float = _JOURNAL_RETRY,
     ) -> None:
         self.study, self.storage, self.clock = study, storage, clock or RunningClock()
-        self.journal = Journal.of_study(study)
+        self.journal = Journal.of_study(study, storage.states)
         storage.take_words(journal_words(self.journal.path))
         self.materials = prepare_materials(study, storage.secret, report)
         self.scenes, self.design = self.materials.scenes, self.materials.design
@@ -153,7 +153,6 @@ class LiveExperiment:
         """Close the database; what the journal could not take is tried once more."""
         self._pool.shutdown()
         with contextlib.suppress(StoreError):  # said below: all of it still waits
-            self._forget_deleted_sessions()
             self.journal.retry()
         if self.journal.waiting:
             LOGGER.error(
@@ -178,7 +177,6 @@ class LiveExperiment:
         arrival = Arrival(request, visitor.entry, visitor.identifiers, tab, visitor.participant)
 
         def work() -> tuple[Session, str]:
-            self._forget_deleted_sessions()
             session, token, is_new = self.storage.begin(
                 arrival,
                 self.materials.steps,
@@ -395,7 +393,6 @@ class LiveExperiment:
                     one.saved.set_result(result)
 
     def _save(self, batch: "list[_Waiting]") -> list[SaveResult]:
-        self._forget_deleted_sessions()
         results = self.storage.save([one.record for one in batch])
         back = {
             one.session.number for one, result in zip(batch, results, strict=True) if result.dropped
@@ -424,15 +421,11 @@ class LiveExperiment:
     async def _retry_journal(self) -> None:
         """Try again what the journal could not take, should no more records come."""
 
-        def work() -> None:
-            self._forget_deleted_sessions()
-            self._append_to_journal([])
-
         while True:
             await asyncio.sleep(self._journal_retry)
             if self.journal.waiting:
                 with contextlib.suppress(StoreError):  # counted by `_call`; tried again
-                    await self._call(work)
+                    await self._call(lambda: self._append_to_journal([]))
 
     async def _look_after_files(self) -> None:
         """Notice what becomes of the database and the journal, should no records come."""
@@ -493,11 +486,6 @@ class LiveExperiment:
         except OSError:
             return None
         return ((found.st_dev, found.st_ino), found.st_size) if found.st_size else None
-
-    def _forget_deleted_sessions(self) -> None:
-        """Keep out of the journal who withdrew while it could not be written."""
-        if self.journal.waiting:
-            self.journal.keep_waiting_of(self.storage.states())
 
     async def _call(self, work: Callable[[], T]) -> T:
         """Do something with the database: one thing after another, off the event loop."""
