@@ -11,8 +11,8 @@ from pourcast.errors import StoreError
 from pourcast.files import create_private, replacing
 
 _PUT_BACK = (
-    "nothing is saved until the file is put back; if it is lost, end the server and make it again "
-    "from responses.jsonl: pourcast experiment data STUDY --import STUDY/responses.jsonl"
+    "nothing is saved until the file is put back; if it is lost, end the server (Ctrl-C) and start "
+    "it again: it makes the database again from responses.jsonl"
 )
 
 
