@@ -100,6 +100,15 @@ def make_private_folder(folder: Path) -> None:
         folder.mkdir(mode=PRIVATE_FOLDER)
 
 
+def create_private(path: Path) -> None:
+    """Make an empty file for its owner alone, if there is none.
+
+    Whoever opens it afterwards by its name, such as SQLite, keeps its mode.
+    """
+    with suppress(FileExistsError):
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE))
+
+
 def keep_private(path: Path) -> None:
     """Take from all others the right to read and write a file, and say so if they had it.
 

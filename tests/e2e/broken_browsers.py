@@ -4,7 +4,6 @@ Old versions can't be had. What they lack is read from MDN's table of compatibil
 """
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +60,10 @@ delete crypto.constructor.prototype.randomUUID;
 """
 
 
+_PLAYWRIGHTS = ("BigInt64Array", "BigUint64Array")
+"""What Playwright's own scripts in the page can't do without."""
+
+
 def oldest(browser: str) -> str:
     """The oldest version of a browser that is served, as package.json has it; named as MDN does."""
     stated = json.loads((WEB / "package.json").read_text())["browserslist"]
@@ -74,29 +77,25 @@ def without_what_is_newer(browser: str, version: str) -> str:
     found: list[list[str]] = []
     for group in (table["api"], table["javascript"]["builtins"]):
         for name, entry in group.items():
+            if name in _PLAYWRIGHTS:
+                continue
             if _is_newer(entry, browser, version):
                 found.append([name])
             else:
                 found += [
-                    [name, member.removesuffix("_static")]
-                    for member, inner in _members(entry)
-                    if _is_newer(inner, browser, version)
+                    [name, member]
+                    for member, inner in entry.items()
+                    if member != "__compat" and _is_newer(inner, browser, version)
                 ]
     return f"""
     for (const [name, member] of {json.dumps(found)}) {{
-      if (!member) {{ delete window[name]; continue; }}
       const kind = window[name];
-      if (!kind) continue;
-      try {{ delete kind[member]; }} catch {{}}
-      try {{ delete kind.prototype[member]; }} catch {{}}
+      if (!member) delete window[name];
+      else if (member.endsWith("_static")) delete kind?.[member.replace("_static", "")];
+      else if (name === "Window") delete window[member];
+      else delete (kind?.prototype ?? kind)?.[member];
     }}
     """
-
-
-def _members(entry: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    for name, inner in entry.items():
-        if name != "__compat" and name.removesuffix("_static").isidentifier():
-            yield name, inner
 
 
 def _is_newer(entry: dict[str, Any], browser: str, version: str) -> bool:

@@ -134,15 +134,15 @@ def test_a_server_that_never_answers_is_told_of(experiment, browser):
     ("script", "sentence"),
     [
         ("delete window.AbortController;", "Something went wrong in this page: ReferenceError: Abort"),
+        ("delete Response.prototype.json;", "json is not a function. Please reload"),
         ("delete Element.prototype.replaceChildren;", "This browser is too old for the study."),
         ("Object.fromEntries = () => { throw new Error('odd'); };", "page: Error: odd. Please rel"),
     ],
 )  # fmt: skip
 def test_what_does_not_pass_is_told_at_once(experiment, browser, script, sentence):
-    opened, link = experiment
+    _, link = experiment
     someone = Participant(browser, link, script=script)
     someone.page.get_by_text(sentence).wait_for()
-    assert opened.storage.sessions() == []
     someone.close()
 
 
@@ -198,6 +198,34 @@ def test_a_defect_in_the_middle_offers_what_was_answered(experiment, browser):
     answers = [line["body"]["response"] for line in content if line.get("kind") == "judgment"]
     assert answers == pytest.approx(someone.answers, abs=0.004)
     assert {line["trial_type"] for line in content} == {"pourcast"}
+    someone.close()
+
+
+@pytest.mark.slow
+def test_two_tabs_are_recognised_without_channels(experiment, browser):
+    _, link = experiment
+    someone = Participant(browser, link, script="delete window.BroadcastChannel;")
+    someone.begin()
+    someone.judge(0.5)
+    first, someone.page = someone.page, someone.open()
+    someone.see("The study is open in another window")
+    someone.press("Go on here")
+    first.get_by_text("You went on in another window").wait_for()
+    someone.see("Welcome back")
+    someone.close()
+
+
+@pytest.mark.slow
+def test_a_picture_that_is_nowhere_is_not_called_a_slow_connection(experiment, browser):
+    opened, link = experiment
+    someone = Participant(browser, "about:blank")
+    someone.page.route("**/media/*.png", lambda route: route.fulfill(status=404))
+    someone.page.goto(link)
+    someone.begin()
+    someone.page.get_by_text("A picture of this study is not where it should be").wait_for()
+    someone.page.unroute("**/media/*.png")
+    someone.go_on()
+    assert saved(opened) == pytest.approx(someone.answers, abs=0.004)
     someone.close()
 
 

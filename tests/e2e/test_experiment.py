@@ -27,6 +27,7 @@ from pourcast.experiment.storage.storage import Storage
 from pourcast.observers.browser import chromium, drive_observers, served
 from pourcast.observers.rehearsal import Rehearsal
 from tests.e2e.participant import Participant, lab_link, open_experiment, saved
+from tests.e2e.services import JATOS, DataPipe
 from tests.experiment.make import EXP1, EXP2, small_study
 
 ROOT = Path(__file__).parents[2]
@@ -477,58 +478,101 @@ def test_a_static_page_offers_its_answers_as_a_file(tmp_path, browser):
         someone.press("Go on")
         someone.go_on()
         assert someone.page.get_attribute("#page", "data-state") == "file"
+        # It is offered as long as the page can be loaded; nothing begins anew unasked.
+        someone.page.reload()
+        someone.page.wait_for_selector("#page[data-state=file]")
         with someone.page.expect_download() as download:
             someone.page.get_by_role("link", name="Download my answers").click()
-        download.value.save_as(tmp_path / "answers.jsonl")
+        assert download.value.suggested_filename.endswith(".json")
+        download.value.save_as(tmp_path / "answers.json")
         someone.check()
         someone.close()
-    session, answers = imported(study, tmp_path / "answers.jsonl", tmp_path)
+    session, answers = imported(study, tmp_path / "answers.json", tmp_path)
     assert answers == close_to(someone.answers)
     assert session.entry == "static"
     assert session.identifiers == {"PROLIFIC_PID": "p9"}
 
 
-@pytest.mark.slow
-def test_a_static_page_sends_its_answers_to_datapipe(tmp_path, browser):
+@contextmanager
+def page_with_datapipe(tmp_path, browser, datapipe):
+    """A study that is exported for DataPipe, and somebody whose page sends it answers."""
     study = small_study(tmp_path / "s", scenes=2)
     export = ["experiment", "export", str(study), "--static", str(tmp_path / "web")]
-    assert cli.run([*export, "--datapipe", "ABC123"]) == 0
-    sent = []
-
-    def datapipe(route):
-        sent.append(route.request.post_data_json)
-        headers = {"Access-Control-Allow-Origin": "*", "Access-Control-Allow-Headers": "*"}
-        # The first try fails, as networks do.
-        route.fulfill(status=503 if len(sent) == 1 else 201, headers=headers, json={})
-
+    assert cli.run([*export, "--datapipe", datapipe.experiment]) == 0
     with web_host(tmp_path / "web") as base:
         someone = Participant(browser, f"{base}/index.html")
-        someone.page.route("https://pipe.jspsych.org/**", datapipe)
+        someone.page.route("https://pipe.jspsych.org/**", datapipe.answer)
+        yield study, someone
+        someone.close()
+
+
+@pytest.mark.slow
+def test_a_static_page_sends_its_answers_to_datapipe(tmp_path, browser):
+    datapipe = DataPipe()
+    # As networks do, as the storage behind it does, and as networks do.
+    datapipe.fates = [(503, "DATA_PERSIST_ERROR"), (400, "UPLOAD_ERROR"), "lost"]
+    with page_with_datapipe(tmp_path, browser, datapipe) as (study, someone):
         someone.begin()
         someone.go_on()
         assert someone.page.get_attribute("#page", "data-state") == "complete"
-        someone.close()
-    assert len(sent) == 2
-    assert sent[0] == sent[1]
-    assert sent[1]["experimentID"] == "ABC123"
-    (tmp_path / "osf.jsonl").write_text(sent[1]["data"])
-    assert imported(study, tmp_path / "osf.jsonl", tmp_path)[1] == close_to(someone.answers)
+        # Loaded again it is over; somebody else at this computer can begin.
+        someone.page.reload()
+        someone.see("Thank you!")
+        someone.press("I am somebody else")
+        someone.see("Welcome")
+    assert datapipe.asked == 4
+    ((name, content),) = datapipe.files.items()
+    (tmp_path / name).write_text(content)
+    session, answers = imported(study, tmp_path / name, tmp_path)
+    assert answers == close_to(someone.answers)
+    assert name == f"{session.key}.json"
 
 
-JATOS = """
-window.jatos = {
-  studySessionData: JSON.parse(sessionStorage.session ?? "{}"),
-  urlQueryParameters: { PROLIFIC_PID: "p7" },
-  onLoad: (callback) => setTimeout(callback, 50),
-  setStudySessionData: async (data) => {
-    jatos.studySessionData = data;
-    sessionStorage.session = JSON.stringify(data);
-  },
-  appendResultData: async (data) => { sessionStorage.results = (sessionStorage.results ?? "") + data; },
-  endStudyWithoutRedirect: async (successful) => { sessionStorage.ended = successful; },
-};
-"""
-"""As much of jatos.js as the page uses; its results are where a test can see them."""
+@pytest.mark.slow
+def test_a_datapipe_that_is_not_switched_on_is_told_of(tmp_path, browser):
+    datapipe = DataPipe()
+    datapipe.active = False
+    with page_with_datapipe(tmp_path, browser, datapipe) as (study, someone):
+        someone.begin()
+        someone.go_on()
+        for _ in range(2):
+            assert someone.page.get_attribute("#page", "data-state") == "refused"
+            said = someone.page.inner_text("#page")
+            assert "is not switched on for this study. Trying again would not help." in said
+            assert "goes on trying" not in said
+            someone.page.get_by_role("link", name="Download my answers").wait_for()
+            someone.page.reload()
+            someone.page.wait_for_selector("#page[data-state]")
+        assert datapipe.asked == 3
+        datapipe.active = True
+        someone.page.reload()
+        someone.page.wait_for_selector("#page[data-state=complete]")
+    ((name, content),) = datapipe.files.items()
+    (tmp_path / name).write_text(content)
+    assert imported(study, tmp_path / name, tmp_path)[1] == close_to(someone.answers)
+
+
+@pytest.mark.slow
+def test_answers_that_somebody_left_are_sent_when_they_can_be(tmp_path, browser):
+    datapipe = DataPipe()
+    datapipe.active = False
+    with page_with_datapipe(tmp_path, browser, datapipe) as (study, someone):
+        someone.begin()
+        someone.go_on()
+        someone.press("I am somebody else")
+        someone.see("Welcome")
+        datapipe.active = True
+        with someone.page.expect_response("https://pipe.jspsych.org/**"):
+            someone.page.reload()
+        someone.see("Welcome")
+        before = datapipe.asked
+        someone.page.reload()
+        someone.see("Welcome")
+        someone.page.wait_for_timeout(500)
+        assert datapipe.asked == before  # once it is there, nobody is asked again
+    ((name, content),) = datapipe.files.items()
+    (tmp_path / name).write_text(content)
+    assert imported(study, tmp_path / name, tmp_path)[1] == close_to(someone.answers)
 
 
 def test_jatos_gets_each_answer_as_it_comes(tmp_path, browser):
@@ -538,22 +582,26 @@ def test_jatos_gets_each_answer_as_it_comes(tmp_path, browser):
         jzip.extractall(tmp_path / "jatos")
     (folder,) = [path for path in (tmp_path / "jatos").iterdir() if path.is_dir()]
     (folder / "jatos.js").write_text(JATOS)
+    script = 'sessionStorage.failing ??= "offline fine offline 500 lost fine fine lost";'
     with web_host(folder) as base:
-        someone = Participant(browser, f"{base}/index.html")
+        someone = Participant(browser, f"{base}/index.html", script=script)
         someone.begin()
         someone.go_on(stop_at=2)
-        results = someone.page.evaluate("sessionStorage.results")
-        assert sum('"response"' in line for line in results.splitlines()) >= 1
         someone.page.reload()
         someone.see("Welcome back")
         someone.press("Go on")
+        # At the end, too, when jatos.js could not say so.
+        someone.page.evaluate("sessionStorage.failing = 'fine lost offline'")
         someone.go_on()
         assert someone.page.get_attribute("#page", "data-state") == "complete"
-        assert someone.page.evaluate("sessionStorage.ended") == "true"
         results = someone.page.evaluate("sessionStorage.results")
         someone.check()
         someone.close()
     (tmp_path / "results.txt").write_text(results)
+    lines = [json.loads(line) for line in results.splitlines()]
+    assert [line["seq"] for line in lines if "seq" in line][:2] == [0, 0]
+    placed = {(line["session"], line["group"], line["place"]) for line in lines}
+    assert len(placed) == 1
     session, answers = imported(study, tmp_path / "results.txt", tmp_path)
     assert answers == close_to(someone.answers)
     assert session.entry == "jatos"
@@ -566,12 +614,11 @@ AXE = ROOT / "src/pourcast/experiment/page/web/node_modules/axe-core/axe.min.js"
 @pytest.mark.skipif(not AXE.is_file(), reason="axe-core is there once the page has been built")
 def test_every_page_is_accessible_as_far_as_axe_can_tell(experiment, browser):
     _, link = experiment
-    someone = Participant(browser, link, bypass_csp=True)
+    # Without motion, as a button that has just come to life fades in.
+    someone = Participant(browser, link, bypass_csp=True, reduced_motion="reduce")
     page = someone.page
 
     def examine(where):
-        # A button that has just come to life changes its colour for a tenth of a second.
-        page.evaluate("Promise.all(document.getAnimations().map((one) => one.finished))")
         page.add_script_tag(path=AXE)
         found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
         assert [(one["id"], one["nodes"][0]["html"]) for one in found] == [], where

@@ -98,6 +98,7 @@ def make_old(path, kind):
     connection.execute("DELETE FROM sessions WHERE id = 3")
     connection.commit()
     connection.close()
+    path.chmod(0o600)  # what others may read is told of, too
     return path
 
 

@@ -214,6 +214,34 @@ def test_what_a_kill_left_of_the_journal_goes_with_the_person(collected, age):
     assert files_with(study, names) == []
 
 
+def test_copies_of_older_databases_are_cleaned(collected, capsys):
+    study, names = collected
+    copy = study / "responses-schema-1.sqlite"
+    with (
+        closing(sqlite3.connect(study / "responses.sqlite")) as database,
+        closing(sqlite3.connect(copy)) as old,
+    ):
+        database.backup(old)
+        columns = [row[1] for row in old.execute("PRAGMA table_info(sessions)")]
+        first = ", ".join(name for name in columns if name in FIRST_VERSION)
+        old.execute(f"CREATE TABLE first AS SELECT {first} FROM sessions")
+        old.execute("DROP TABLE sessions")
+        old.execute("ALTER TABLE first RENAME TO sessions")
+        old.execute("DROP TABLE browsers")
+        old.commit()
+    assert call("data", study, "--withdraw", PID) == 0
+    assert "deleted: responses-schema-1.sqlite: 1 session" in capsys.readouterr().out
+    assert files_with(study, names) == []
+    with closing(sqlite3.connect(copy)) as old:
+        assert old.execute("SELECT count(*) FROM records").fetchone() == (14,)
+
+
+FIRST_VERSION = (
+    "id", "request", "participant", "entry", "identifiers", "group_number", "place", "state", "tab",
+    "code", "plan", "started", "last_seen",
+)  # fmt: skip
+
+
 def test_everything_is_clean_by_itself_where_only_our_commands_wrote(collected, capsys):
     study, names = collected
     call("data", study, "--identifiers")

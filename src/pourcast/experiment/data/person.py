@@ -21,8 +21,10 @@ class SessionNames:
 
     Parameters
     ----------
-    key, request, code, participant
+    key, code, participant
         As in `storage.sessions.Session`; empty where it isn't known.
+    requests
+        By which browsers began it, or went on with it.
     identifiers
         The recruiting platform's ids.
     tokens
@@ -30,7 +32,7 @@ class SessionNames:
     """
 
     key: str = ""
-    request: str = ""
+    requests: tuple[str, ...] = ()
     code: str = ""
     participant: str = ""
     identifiers: Mapping[str, str] = field(default_factory=dict)
@@ -115,7 +117,7 @@ class Person:
             *((name, f"participant code {name}") for name in sorted(self.participants)),
             *((name, f"completion code {name}") for name in sorted(self.completion_codes)),
             *((name, f"session {name}") for name in sorted(self.keys)),
-            *((one.request, "request of the browser") for one in self.sessions if one.request),
+            *((word, "request of a browser") for one in self.sessions for word in one.requests),
             *((token, "digest of a token") for token in sorted(self.tokens)),
         ]
         made_by_us = [Needle(text, label, whole=True) for text, label in own]
@@ -166,20 +168,22 @@ def names_in_lines(lines: Iterable[Mapping[str, Any]]) -> list[SessionNames]:
     A session may be opened by several lines; all that they say counts.
     """
     openings: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
-    tokens: dict[str, list[str]] = defaultdict(list)
+    tokens: dict[str, set[str]] = defaultdict(set)
+    requests: dict[str, set[str]] = defaultdict(set)
     for line in lines:
         key = str(line.get("session", ""))
         if "identifiers" in line:
             openings[key].append(line)
-        tokens[key] += [str(one) for one in (*line.get("tokens", ()), line.get("token", "")) if one]
+        tokens[key].update(map(str, (*line.get("tokens", ()), line.get("token", ""))))
+        requests[key].update(map(str, (line.get("request", ""), line.get("browser", ""))))
     return [
         SessionNames(
             key=key,
-            request=str(line.get("request", "")),
+            requests=tuple(sorted(requests[key] - {""})),
             code=str(line.get("code", "")),
             participant=str(line.get("participant", "")),
             identifiers={str(k): str(v) for k, v in line["identifiers"].items()},
-            tokens=tuple(dict.fromkeys(tokens[key])),
+            tokens=tuple(sorted(tokens[key] - {""})),
         )
         for key, opened in openings.items()
         for line in opened

@@ -88,7 +88,9 @@ def file_engine(file: DatabaseFile) -> sa.Engine:
 
 def connection_engine(connection: sqlite3.Connection) -> sa.Engine:
     """An engine over one connection to SQLite that is open already."""
-    engine = sa.create_engine("sqlite://", creator=lambda: connection, poolclass=sa.StaticPool)
+    engine = sa.create_engine(
+        "sqlite://", creator=lambda: connection, poolclass=sa.StaticPool, hide_parameters=True
+    )
     sa.event.listen(engine, "begin", _begin)
     return engine
 

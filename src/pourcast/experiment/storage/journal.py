@@ -9,7 +9,7 @@ the next start (`Journal.catch_up`). The journal alone is enough to make the dat
 
 import json
 import os
-from collections.abc import Collection, Hashable, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,13 @@ from filelock import FileLock, Timeout
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.storage.failures import LOGGER, Failures
 from pourcast.experiment.storage.record_lines import (
+    FORMAT,
     JOURNAL_FORMAT,
     Line,
     dumps,
     is_line,
     line_names,
+    names_of,
 )
 from pourcast.files import PRIVATE, keep_private, left_behind, replacing
 
@@ -126,9 +128,7 @@ class Journal:
         StoreError
             If the file can't be read.
         """
-        there: set[Hashable] = set()
-        for line in self.lines():
-            there |= line_names(line)
+        there = names_of(self.lines())
         return [line for line in lines if not line_names(line) <= there]
 
     def catch_up(self, lines: Iterable[Line]) -> int:
@@ -153,7 +153,7 @@ class Journal:
                 damaged,
             )
         missing = self.missing(lines)
-        waiting = {name for line in self._waiting for name in line_names(line)}
+        waiting = names_of(self._waiting)
         self.append(line for line in missing if not line_names(line) <= waiting)
         return len(missing)
 
@@ -232,6 +232,24 @@ def journal_words(path: Path) -> dict[str, str]:
         if line.get("format") == JOURNAL_FORMAT:
             return {name: word for name, word in line.items() if isinstance(word, str)}
     return {}
+
+
+def how_to_restore(study: Path) -> str:
+    """What to do where the database is not there but its journal is; empty if that isn't either.
+
+    Raises
+    ------
+    StoreError
+        If the journal can't be read.
+    """
+    journal = study / NAME
+    sessions = sum(line.get("format") == FORMAT for line in Journal(journal).lines())
+    if not sessions:
+        return ""
+    return (
+        f"{journal} has its {sessions} sessions: restore them by `pourcast experiment data {study} "
+        f"--import {journal}`, or start the server, which does so"
+    )
 
 
 def _append(path: Path, lines: bytes) -> None:

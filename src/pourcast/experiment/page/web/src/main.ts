@@ -6,10 +6,12 @@ import { initJsPsych, type JsPsych } from "jspsych";
 
 import { pause, waits } from "./backoff";
 import { makeWord } from "./draws";
+import { pressOnce } from "./keys";
 import { Media } from "./media";
 import { recall, remember } from "./memory";
 import { Unreachable } from "./network";
 import { Outbox } from "./outbox";
+import { leaveFullScreen } from "./screen";
 import { Sender } from "./sender";
 import { Tabs } from "./tabs";
 import { Timeline } from "./timeline";
@@ -23,6 +25,9 @@ import { escaped, fill, pageOf } from "./words";
 const PATIENCE = 20_000;
 
 const page = document.getElementById("page") as HTMLElement;
+
+/** Under what name sessions that were left are remembered. */
+const LEFT = "pourcast left";
 
 /** Words that the page itself brings, for when the server can't be reached. */
 const words = page.dataset as { [name in "reaching" | "offline" | "silent" | "failing" | "broken"]: string };
@@ -42,13 +47,17 @@ interface Visit {
 type Trouble = { why: Unreachable["why"] | "refused" | "broken" | "file"; cause: string };
 
 function troubleOf(error: unknown): Trouble {
-  if (error instanceof Unreachable) return { why: error.why, cause: error.message };
-  if (error instanceof Refused) {
-    const cause = error.text || `${error.reason}, status ${error.status}`;
-    return { why: error.reason === "file" ? "file" : "refused", cause };
-  }
-  // A defect of the browser's or of ours: whoever reads it can tell us.
-  return { why: "broken", cause: String(error) };
+  if (error instanceof Unreachable) return { why: error.why, cause: causeOf(error) };
+  if (error instanceof Refused)
+    return { why: error.reason === "file" ? "file" : "refused", cause: causeOf(error) };
+  return { why: "broken", cause: causeOf(error) };
+}
+
+/** What happened, as part of a sentence; of a defect, what whoever reads it can tell us. */
+function causeOf(error: unknown): string {
+  if (error instanceof Unreachable) return error.message;
+  const said = error instanceof Refused ? error.text || `${error.reason}, status ${error.status}` : String(error);
+  return said.replace(/[.\s]+$/, "");
 }
 
 /** Asks until somebody answers: for what passes alone, and saying what it is. */
@@ -100,6 +109,7 @@ class Study {
   private async visit(): Promise<void> {
     // What an earlier visit could not send, whosever it was.
     this.sender.start();
+    void this.endThoseLeft();
     const elsewhere = await this.tabs.elsewhere();
     // Whether there was a session before this page: it goes on.
     let [session, resumed] = await this.session();
@@ -220,6 +230,7 @@ class Study {
       const mode = this.link["mode"] === "visual" ? "visual" : "data-only";
       await jsPsych.simulate(timeline, mode, {});
     } else await jsPsych.run(timeline);
+    await leaveFullScreen();
     if (this.fault) throw this.fault;
     if (this.ended === "moved") this.sayMoved(session);
     else await this.finish(session, this.ended ?? "complete");
@@ -237,9 +248,29 @@ class Study {
   }
 
   private beginAnew(): void {
-    // What the one before has not sent yet stays in the outbox, and is sent.
+    // What the one before has not sent yet stays in the outbox, and is sent; so is how it ended.
+    const { token, end } = this.memory;
+    if (token && end && this.outbox.of(token).length) remember(LEFT, { ...this.left, [token]: end });
     this.memory = {};
     location.reload();
+  }
+
+  /** How sessions ended that somebody left at this computer before that could be told. */
+  private get left(): { [token: string]: End } {
+    return (recall(LEFT) ?? {}) as { [token: string]: End };
+  }
+
+  /** Ends them, once all their records are sent; who can't be reached is asked by the next page. */
+  private async endThoseLeft(): Promise<void> {
+    for (const [token, end] of Object.entries(this.left)) {
+      await this.sender.flushed();
+      const entries = this.outbox.of(token);
+      const said = await this.transport.finish(token, end, entries, this.tab).catch(() => null);
+      if (!said || said.missing.length) continue;
+      await this.outbox.forget(token);
+      const { [token]: done, ...others } = this.left;
+      if (done) remember(LEFT, others);
+    }
   }
 
   /** The last page waits for the network, and only it. */
@@ -333,7 +364,7 @@ class Study {
     const link = page.querySelector("a") as HTMLAnchorElement;
     link.href = URL.createObjectURL(new Blob([file], { type: "application/json" }));
     page.dataset["state"] = why;
-    this.offerAnew(session);
+    if (this.outbox.survives) this.offerAnew(session);
   }
 
   /** At a computer that several people use, the next one can begin. */
@@ -358,12 +389,13 @@ async function main(): Promise<void> {
   // start.ts has said that this browser is too old.
   if (!("replaceChildren" in page)) return;
   show(`<p>${escaped(words.reaching)}</p>`);
+  document.addEventListener("keydown", pressOnce, true);
   try {
     const given = [...new URLSearchParams(location.search)];
     const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));
     await new Study(await Outbox.open(), link).run();
   } catch (error) {
-    show(`<p>${escaped(fill(words.broken, { cause: String(error) }))}</p>`);
+    show(`<p>${escaped(fill(words.broken, { cause: causeOf(error) }))}</p>`);
   }
 }
 

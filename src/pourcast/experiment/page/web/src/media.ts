@@ -1,10 +1,11 @@
 /** Pictures and films, fetched ahead, a few at a time, and again if they stall. */
 
 import { pause, waits } from "./backoff";
-import { askForFile, isPassing } from "./network";
+import { askForFile, isPassing, Unreachable } from "./network";
 
 const PARALLEL = 3;
 const TIMEOUT = 30_000;
+const LONGEST = 600_000;
 
 export class Media {
   private queue: string[] = [];
@@ -58,16 +59,19 @@ export class Media {
 
   private async fetch(name: string): Promise<string> {
     const wait = waits();
+    // A film may take longer than any limit that finds out a connection that stalls.
+    let limit = TIMEOUT;
     for (;;) {
       try {
-        const { status, ok, content } = await askForFile(this.source(name), TIMEOUT);
+        const { status, ok, content } = await askForFile(this.source(name), limit);
         if (ok) {
           this.missing.delete(name);
           return URL.createObjectURL(content);
         }
         if (!isPassing(status)) this.missing.add(name);
-      } catch {
+      } catch (error) {
         // Stalled or offline: again.
+        if (error instanceof Unreachable && error.why === "silent") limit = Math.min(2 * limit, LONGEST);
       }
       await pause(wait.next().value);
     }

@@ -23,23 +23,23 @@ export interface Answer<T> {
 }
 
 /** An answer in JSON; `undefined` where a refusal has none. */
-export async function askForJson(url: string, init: RequestInit, limit: number): Promise<Answer<unknown>> {
-  return ask(url, init, limit, async (answer) => {
-    if (answer.ok) return (await answer.json()) as unknown;
-    return (await answer.json().catch(() => undefined)) as unknown;
+export function askForJson(url: string, init: RequestInit, limit: number): Promise<Answer<unknown>> {
+  return ask(url, init, limit, (answer) => {
+    const read = answer.json() as Promise<unknown>;
+    return answer.ok ? read : read.catch(() => undefined);
   });
 }
 
 /** A file. */
-export async function askForFile(url: string, limit: number): Promise<Answer<Blob>> {
+export function askForFile(url: string, limit: number): Promise<Answer<Blob>> {
   return ask(url, {}, limit, (answer) => answer.blob());
 }
 
 /**
  * Asks, and reads the answer, in the time that is given [ms].
  *
- * `AbortSignal.timeout` would do, but not every browser that is served has it; and with a fetch
- * that does not hear of its end, as seen in service workers, it would wait for ever.
+ * `AbortSignal.timeout` would do, but not every browser that is served has it; and where a fetch
+ * does not hear that it is over, it would wait for ever.
  */
 async function ask<T>(
   url: string,
@@ -49,24 +49,32 @@ async function ask<T>(
 ): Promise<Answer<T>> {
   const controller = new AbortController();
   const asked = async () => {
-    const answer = await fetch(url, { ...init, signal: controller.signal });
-    return { status: answer.status, ok: answer.ok, content: await read(answer) };
+    const answer = await carried(fetch(url, { ...init, signal: controller.signal }));
+    return { status: answer.status, ok: answer.ok, content: await carried(read(answer)) };
   };
   try {
     return await within(asked(), limit);
   } catch (error) {
-    throw unreachable(error) ?? error;
+    if (error instanceof TooLate) throw new Unreachable("silent", error.message);
+    throw error;
   } finally {
     controller.abort();
   }
 }
 
-/** What the network's own errors come to; none for errors of other kinds. */
-function unreachable(error: unknown): Unreachable | undefined {
-  if (error instanceof TooLate) return new Unreachable("silent", error.message);
-  // What should be JSON and isn't comes from somebody between: the login page of a hotel's network.
-  if (error instanceof SyntaxError) return new Unreachable("failing", "the answer is not the server's");
-  // That nobody was reached, or the answer stopped halfway: a TypeError for fetch, a DOMException for the body.
-  const isNetwork = error instanceof TypeError || error instanceof DOMException;
-  return isNetwork ? new Unreachable("offline", error.message) : undefined;
+/**
+ * What the network brings, or its own errors as `Unreachable`. They are in the promise; what the
+ * browser lacks, and what we do wrong, is thrown before there is one.
+ */
+async function carried<T>(promise: Promise<T>): Promise<T> {
+  try {
+    return await promise;
+  } catch (error) {
+    // What should be JSON and isn't comes from somebody between: the login page of a hotel's network.
+    if (error instanceof SyntaxError) throw new Unreachable("failing", "the answer is not the server's");
+    // Nobody was reached, or the answer stopped halfway.
+    if (error instanceof TypeError || error instanceof DOMException)
+      throw new Unreachable("offline", error.message);
+    throw error;
+  }
 }

@@ -107,6 +107,21 @@ describe("a file", () => {
   });
 });
 
+describe("a slow connection", () => {
+  it.each([40, 100, 400])("gets a file that takes %i seconds", async (seconds) => {
+    vi.stubGlobal("fetch", async (_: string, { signal }: RequestInit) => {
+      await new Promise((resolve, reject) => {
+        setTimeout(resolve, 1000 * seconds);
+        signal?.addEventListener("abort", () => reject(new DOMException("aborted", "AbortError")));
+      });
+      return new Response("film");
+    });
+    const got = new Media((name) => name).get("a");
+    await vi.advanceTimersByTimeAsync(4_000_000);
+    expect(await got).toBe("blob:0");
+  });
+});
+
 describe("waits", () => {
   it("double up to the longest, and never end", () => {
     const wait = waits(3000);

@@ -511,6 +511,18 @@ describe("a static folder", () => {
     expect(await new StaticTransport(LINK).finish(token, "complete", entries)).toMatchObject({ code: "DONE1" });
   });
 
+  it("leaves nobody's identifiers in the browser: neither of who declined, nor of who is done", async () => {
+    new WebHost().install();
+    const stored = () => JSON.stringify(Object.entries(localStorage));
+    for (const end of ["declined", "complete"] as const) {
+      const transport = new StaticTransport({ PROLIFIC_PID: "p9" });
+      const { token } = await transport.begin(`request-${end}`);
+      expect(stored()).toContain("p9");
+      await transport.finish(token, end, entriesOf(token, ALL));
+      expect(stored()).not.toContain("p9");
+    }
+  });
+
   it("says what DataPipe said where that is new", async () => {
     new WebHost().install();
     const transport = new StaticTransport(LINK);

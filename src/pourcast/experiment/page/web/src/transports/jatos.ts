@@ -88,6 +88,7 @@ export class JatosTransport implements Transport {
     const missing = end === "complete" ? missingOf(session, saved) : [];
     if (missing.length) return { missing };
     await this.end(end === "complete");
+    this.openings.forget(token);
     return { missing: [], ...farewellOf(plan, end, session.code) };
   }
 

@@ -1,6 +1,6 @@
 /** What the exported pages share: their plan is a file, and the browser chooses its place in it. */
 import { drawn } from "../draws";
-import { recall, remember } from "../memory";
+import { forget, recall, remember } from "../memory";
 import { askForJson, isPassing, Unreachable } from "../network";
 import type { Entry } from "../outbox";
 import type { End, Experiment, Farewell, Session, Step } from "../types";
@@ -40,6 +40,11 @@ export class Openings {
   keep(opening: PlannedOpening): void {
     this.here.set(opening.session, opening);
     remember(keyOf(opening.session), opening);
+  }
+
+  forget(session: string): void {
+    this.here.delete(session);
+    forget(keyOf(session));
   }
 
   of(session: string): PlannedOpening | undefined {

@@ -49,18 +49,28 @@ export class StaticTransport implements Transport {
     const session = sessionOf(plan, opening);
     const missing = end === "complete" ? missingOf(session, entries) : [];
     if (missing.length) return { missing };
-    if (end !== "declined") {
-      if (!plan.datapipe) throw new Refused("file", 200);
-      const file = fileOf(opening, session.steps, entries);
-      await sendToDataPipe(plan.datapipe, `${token}.json`, file, plan.texts.collecting);
-      // Whoever loads the page again is told so, and does not begin anew unasked.
-      remember(endOf(token), { state: end });
-    }
+    if (end === "declined") this.openings.forget(token);
+    else await this.send(plan, session, opening, end, entries);
     return { missing: [], ...farewellOf(plan, end, session.code) };
   }
 
   opening(session: Session): PlannedOpening {
     return this.openingOf(session.token);
+  }
+
+  private async send(
+    plan: Plan,
+    session: Session,
+    opening: PlannedOpening,
+    end: End,
+    entries: Entry[],
+  ): Promise<void> {
+    if (!plan.datapipe) throw new Refused("file", 200);
+    const file = fileOf(opening, session.steps, entries);
+    await sendToDataPipe(plan.datapipe, `${opening.session}.json`, file, plan.texts.collecting);
+    // Whoever loads the page again is told so, and does not begin anew unasked. Who it was, is forgotten.
+    remember(endOf(opening.session), { state: end });
+    this.openings.keep({ ...opening, identifiers: {} });
   }
 
   private openingOf(token: string): PlannedOpening {
