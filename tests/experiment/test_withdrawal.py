@@ -76,7 +76,7 @@ def names_of(study, pid):
             )
         ]
     assert rows
-    return [pid, *(name for row in rows for name in row[:4]), *digests]
+    return [pid, *(name for row in rows for name in row[:4]), *digests, f"visit-of-{pid[:4]}"]
 
 
 def files_with(folder, names):
@@ -148,7 +148,7 @@ def test_all_that_is_ours_is_cleaned_and_nobody_elses(collected, capsys):
     said = capsys.readouterr().out
     assert [line for line in DELETED if f"deleted: {line}" not in said] == []
     assert f"`pourcast report {study} -o {study / 'report of may'}` makes them again" in said
-    assert f"look for: {', '.join(sorted([*names[:2], *names[3:5]]))}\n" in said
+    assert f"look for: {', '.join(sorted([*names[:2], *names[3:5], names[-1]]))}\n" in said
     assert files_with(study, names) == []
     for keep in ("report/my notes.txt", "compared/mine.csv"):
         assert (study / keep).read_text() == "nobody"
@@ -177,6 +177,7 @@ def test_what_is_not_ours_is_named_and_left_as_it_is(collected, capsys):
         "mail.html.gz": gzip.compress(f"<p>{names[4]}</p>".encode()),
         f"{PID}.pdf": b"%PDF- packed",
         "one-line.json": json.dumps([{"session": names[1], "seq": 1}]).encode(),
+        "submissions.csv": f"Submission id,Status\nvisit-of-{PID[:4]},APPROVED\n".encode(),
         "prolific_export.csv": f"Submission id,Participant id\n1,{PID}\n".encode(),
     }
     for name, content in left.items():
@@ -190,7 +191,7 @@ def test_what_is_not_ours_is_named_and_left_as_it_is(collected, capsys):
     named = {line.partition(": has ")[0] for line in lines}
     assert named == {*left, "book.xlsx", ".new-0123456789abcdef.csv"}
     assert "it is being written: say this again in a minute" in said.out
-    assert "8 things are left, named above; clean or delete them by hand" in said.err
+    assert "not all could be cleaned (9 named above); clean or delete the rest by hand" in said.err
     assert "note: looked through " in said.out
     assert "(pictures, films and pours in stimuli/, simulation results in sweep/)" in said.out
     assert f"note: what pictures, films and PDFs show was not looked at: {PID}.pdf" in said.out

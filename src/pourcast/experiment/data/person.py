@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pourcast.experiment.data.file_search import Needle
-from pourcast.experiment.design.links import PERSONAL
+from pourcast.experiment.design.links import PERSONAL, VISITS
 
 _SHORTEST = 6
 """A name with fewer letters stands in many files that speak of nobody."""
@@ -44,6 +44,11 @@ class SessionNames:
         return {value for name, value in self.identifiers.items() if name in PERSONAL and value}
 
     @property
+    def visits(self) -> set[str]:
+        """What the platform calls this visit."""
+        return {value for name, value in self.identifiers.items() if name in VISITS and value}
+
+    @property
     def names(self) -> set[str]:
         """What this person can be asked for by."""
         return {name for name in (self.participant, self.code, self.key) if name} | self.given
@@ -62,7 +67,7 @@ class Person:
     codes
         Participant codes that belong to what they were asked for by.
     others
-        What other people are called.
+        What other people and their visits are called.
     """
 
     sessions: tuple[SessionNames, ...]
@@ -97,6 +102,12 @@ class Person:
         return {name for one in self.sessions for name in one.given} | ({self.asked} - ours)
 
     @property
+    def visits(self) -> set[str]:
+        """What the platform calls their visits, as far as that is nobody else's too."""
+        visits = {name for one in self.sessions for name in one.visits}
+        return {name for name in visits - self.others if len(name) >= _SHORTEST}
+
+    @property
     def distinctive(self) -> set[str]:
         """What others call the person, as far as hardly anybody else can be called so."""
         return {
@@ -109,12 +120,13 @@ class Person:
     def to_look_for(self) -> list[str]:
         """What files elsewhere may call the person."""
         codes = {one.participant for one in self.sessions if one.participant} or self.codes
-        return sorted(self.given | codes | self.completion_codes | self.keys)
+        return sorted(self.given | codes | self.visits | self.completion_codes | self.keys)
 
     def needles(self) -> list[Needle]:
         """What to look for in files."""
         own = [
             *((name, f"participant code {name}") for name in sorted(self.participants)),
+            *((name, f"the platform's session {name}") for name in sorted(self.visits)),
             *((name, f"completion code {name}") for name in sorted(self.completion_codes)),
             *((name, f"session {name}") for name in sorted(self.keys)),
             *((word, "request of a browser") for one in self.sessions for word in one.requests),
@@ -158,7 +170,7 @@ def person_called(who: str, known: Iterable[SessionNames], codes: Iterable[str] 
         theirs,
         who,
         frozenset(codes),
-        frozenset(name for one in known if one not in theirs for name in one.names) - {who},
+        frozenset(n for one in known if one not in theirs for n in one.names | one.visits) - {who},
     )
 
 
