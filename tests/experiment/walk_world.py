@@ -153,7 +153,7 @@ class World:
         """Database and journal, as a command beside the server opens them."""
         storage = self._opened()
         try:
-            yield storage, Journal.of_study(self.study)
+            yield storage, Journal.of_study(self.study, storage.states)
         finally:
             storage.close()
 

@@ -310,7 +310,7 @@ def _import(study: Path, storage: "Storage", paths: list[Path]) -> int:
     from pourcast.experiment.design.links import UNFILLED
     from pourcast.experiment.storage.journal import Journal
 
-    journal = Journal.of_study(study)
+    journal = Journal.of_study(study, storage.states)
     schedule = _schedule(study, storage)
     left_out = 0
     if not any(path.resolve() == journal.path.resolve() for path in paths):

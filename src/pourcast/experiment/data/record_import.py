@@ -177,14 +177,13 @@ def import_records(
 def restore(storage: Storage, journal: Journal, schedule: Schedule, now: float) -> ImportSummary:
     """Take in what a study's journal has and its database lacks, such as a new one's all.
 
-    See `import_records`.
+    See `import_records`. What the journal lacks is for `Journal.catch_up`.
     """
     importer = _Importer(storage, schedule, now)
     name = str(journal.path)
     values = list(json_values(name, journal.read(), importer.faults))
     summary = importer.take_in(_lacking(values, storage))
     _renew_old(journal, storage, values, importer.faults.lines(name))
-    journal.catch_up(storage.journal_lines())
     return summary
 
 
@@ -389,9 +388,13 @@ class _Importer:
         return *found, _as_shown(steps, run.records)
 
     def _end(self, session: Session, run: _Run, *, is_new: bool) -> None:
-        """Say how a session ended: as a journal says, or complete if all of it is there."""
+        """Say how a session ended: as a journal says, or complete if all of it is there.
+
+        What has ended stays as it is.
+        """
         if not self._tells_ends:
-            if len(self.storage.saved_steps(session.number)) == len(session.steps):
+            goes_on = session.state in (OPEN, DROPPED)
+            if goes_on and len(self.storage.saved_steps(session.number)) == len(session.steps):
                 self.storage.end(session.number, COMPLETE)
             return
         if self._is_own:
