@@ -116,8 +116,8 @@ class Api:
 
 
 @contextmanager
-def api_of(study, **options):
-    clock = Clock()
+def api_of(study, *, clock=None, **options):
+    clock = clock or Clock()
     storage = Storage.of_study(study)
     experiment = LiveExperiment(study, storage, clock=clock, **options)
     app = create_app(experiment, extra=admin_routes(experiment))

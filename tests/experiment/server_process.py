@@ -23,8 +23,8 @@ def free_port():
 class ServerProcess:
     """`pourcast experiment serve`, started, killed and started again."""
 
-    def __init__(self, study, *options, run=("-m", "pourcast")):
-        self.port = free_port()
+    def __init__(self, study, *options, run=("-m", "pourcast"), log=None):
+        self.port, self.log = free_port(), log
         self.command = [
             sys.executable, *run, "experiment", "serve", str(study),
             *options, "--sessions-per-address", "1000", "--port", str(self.port),
@@ -32,7 +32,10 @@ class ServerProcess:
         self.start()
 
     def start(self):
-        self.process = subprocess.Popen(self.command, stdout=subprocess.PIPE, text=True)
+        log = self.log.open("ab") if self.log else None
+        self.process = subprocess.Popen(self.command, stdout=subprocess.PIPE, stderr=log, text=True)
+        if log:
+            log.close()
         self.said = ""
         for line in self.process.stdout:
             self.said += line
@@ -43,6 +46,11 @@ class ServerProcess:
     @property
     def lab(self):
         return re.search(r"^lab +(\S+)$", self.said, re.MULTILINE)[1]
+
+    @property
+    def admin(self):
+        """Path of the admin page, with its token."""
+        return re.search(r"^admin +http://[^/]+(\S+)$", self.said, re.MULTILINE)[1]
 
     def kill(self):
         self.process.kill()

@@ -34,18 +34,19 @@ async def long(_):
     return PlainTextResponse(b"x" * 10_000_000)
 
 
-async def slow(_):
-    await asyncio.sleep(3)
-
-
 @pytest.fixture
 def server():
     """The server with a plain application, in a thread."""
+
+    async def slow(_):
+        while not opened.should_exit:
+            await asyncio.sleep(0.02)
+
     methods = ["GET", "POST"]
     app = Starlette(
         routes=[Route("/", echo, methods=methods), Route("/long", long), Route("/slow", slow)]
     )
-    opened = web_server(app, Proxies())
+    opened = web_server(app, Proxies(), 100)
     listener = socket.create_server(("127.0.0.1", 0), backlog=2048)
     opened.port = listener.getsockname()[1]
     thread = threading.Thread(target=opened.run, kwargs={"sockets": [listener]})
@@ -300,6 +301,41 @@ def test_eleven_hundred_silent_connections_keep_no_participant_out(tmp_path, sen
         code, out, complaints = server.end(signal.SIGTERM)
     assert (code, complaints) == (0, "")
     assert "stopped; 14 records are saved" in out
+
+
+@pytest.mark.slow
+def test_a_storm_of_connections_keeps_no_participant_out(tmp_path):
+    study = small_study(tmp_path, design=EXP1)
+    over = threading.Event()
+
+    async def storm(port):
+        """Six hundred at any time, closed and opened again at once, with and without a word."""
+
+        async def one(number):
+            while not over.is_set():
+                with contextlib.suppress(OSError):
+                    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+                    writer.write([b"", b"GET / HTTP/1.1\r\nX: "][number % 2])
+                    with contextlib.suppress(TimeoutError):
+                        await asyncio.wait_for(reader.read(), 0.5)
+                    writer.close()
+                await asyncio.sleep(0.02)
+
+        await asyncio.gather(*map(one, range(600)))
+
+    with many_files(), FewFiles(study, 256) as server:
+        stormer = threading.Thread(target=lambda: asyncio.run(storm(server.port)))
+        stormer.start()
+        time.sleep(1.0)
+        people = [Sturdy(server.port, server.lab, k) for k in range(3)]
+        for person in people:
+            person.start()
+        for person in people:
+            person.join(120)
+            assert person.error is None
+        over.set()
+        stormer.join(60)
+        assert server.end(signal.SIGTERM)[::2] == (0, "")
 
 
 SIGNALS = [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 5]

@@ -294,3 +294,32 @@ def test_a_journal_that_two_write_has_one_private_file(tmp_path, umask):
     for thread in threads:
         thread.join()
     assert all(mode(path) == 0o600 for path in tmp_path.iterdir())
+
+
+def test_nothing_that_is_said_while_people_take_part_names_them_or_opens_anything(
+    tmp_path, caplog, capsys, monkeypatch
+):
+    caplog.set_level("DEBUG")
+    study = small_study(tmp_path / "s")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with api_of(study) as api:
+        link = {"PROLIFIC_PID": "5f0secret", "STUDY_ID": "st-1", "SESSION_ID": "se-1"}
+        told = api.begin("request-secret", link=link).json()
+        monkeypatch.setattr("pourcast.experiment.storage.journal._append", full)
+        for body in (answer("consent"), {"rt": "x-secret"}):
+            api.put(told, 0, body)
+        api.put({"token": "x" * 43}, 0, answer("consent"))
+        api.client.get("/admin?token=wrong")
+        api.client.get(f"/admin?token={api.storage.admin_token}")
+        hidden = (
+            "secret", told["token"], told["code"], told["participant"], told["key"],
+            api.storage.admin_token, api.storage.secret.hex(),
+        )  # fmt: skip
+    assert "cannot be written" in caplog.text
+    # The client of these tests logs what it asks for; a server doesn't.
+    ours = [one.getMessage() for one in caplog.records if not one.name.startswith("http")]
+    said = "\n".join(ours) + "".join(capsys.readouterr())
+    assert [word for word in hidden if word in said] == []

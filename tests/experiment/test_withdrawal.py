@@ -18,7 +18,7 @@ import pytest
 import sqlalchemy as sa
 
 from pourcast import cli
-from pourcast.experiment.data import withdrawal
+from pourcast.experiment.data import file_search, withdrawal
 from pourcast.experiment.data.file_search import Needle, search_folder
 from pourcast.experiment.design.links import link_key
 from pourcast.experiment.storage.journal import Journal
@@ -203,6 +203,17 @@ def test_what_is_not_ours_is_named_and_left_as_it_is(collected, capsys):
     assert f"there is no participant '{PID}'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("age", [0.0, 1e6])
+def test_what_a_kill_left_of_the_journal_goes_with_the_person(collected, age):
+    study, names = collected
+    left = study / ".responses-0123456789abcdef.jsonl"
+    shutil.copy(study / "responses.jsonl", left)
+    os.utime(left, (left.stat().st_mtime - age,) * 2)
+    assert call("data", study, "--withdraw", PID) == 0
+    assert not left.exists()
+    assert files_with(study, names) == []
+
+
 def test_everything_is_clean_by_itself_where_only_our_commands_wrote(collected, capsys):
     study, names = collected
     call("data", study, "--identifiers")
@@ -355,6 +366,47 @@ def test_a_name_is_found_however_it_is_written(tmp_path, form, encoding):
     found = search_folder(tmp_path, [Needle(name, "name", whole=True)])
     assert set(found.found) == {tmp_path / str(k) for k in range(5)} - lost
     assert search_folder(tmp_path, [Needle("Zoë Mülle", "part", whole=True)]).found == {}
+
+
+@pytest.mark.parametrize("before", range(5, 40, 5))
+def test_a_word_that_is_parted_by_what_is_read_at_once_is_found(tmp_path, monkeypatch, before):
+    monkeypatch.setattr(file_search, "_CHUNK", 16)
+    monkeypatch.setattr(file_search, "_OVERLAP", 64)
+    (tmp_path / "long.txt").write_bytes(b"x " * before + PID.encode() + b" y" * 40)
+    assert len(search_folder(tmp_path, [Needle(PID, "id", whole=True)]).found) == 1
+
+
+def test_folders_that_cannot_be_read_are_named(tmp_path, monkeypatch):
+    (tmp_path / "closed").mkdir()
+    scandir = os.scandir
+
+    def closed(path):
+        if str(path).endswith("closed"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", closed)
+    unread = search_folder(tmp_path, []).unread
+    assert unread == {tmp_path / "closed": "cannot be read (Permission denied)"}
+
+
+def test_what_waits_for_the_journal_goes_with_the_person(tmp_path, monkeypatch):
+    study = small_study(tmp_path / "s", scenes=2)
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with api_of(study) as api:
+        take_part(api, "browser-request-1", link_of(OTHER))
+        with monkeypatch.context() as patched:
+            patched.setattr("pourcast.experiment.storage.journal._append", full)
+            take_part(api, "browser-request-2", link_of(PID))
+            assert api.experiment.journal.waiting > 1
+            names = names_of(study, PID)
+            assert call("data", study, "--withdraw", PID) == 0
+        take_part(api, "browser-request-3", {"lab": link_key(api.storage.secret, "lab")})
+        assert api.experiment.journal.waiting == 0
+        assert files_with(study, names) == []
 
 
 def test_what_cannot_be_looked_through_is_named(collected, capsys):

@@ -55,8 +55,8 @@ _FAILURES = (ClusterError, ModelError, SimulationDivergedError, StoreError, Trai
 def main() -> None:
     """Run the command line; the entry point of `pourcast`."""
     code = run(sys.argv[1:])
-    # Nothing is left that a second Ctrl-C could interrupt, but Python's own end.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # All is said: a second Ctrl-C ends what Python still does, without a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     sys.exit(code)
 
 

@@ -11,9 +11,10 @@ import typer
 from pourcast.cli.observers import experiment_app
 from pourcast.cli.options import JsonOption, StudyArgument
 from pourcast.cli.terminal import print_json, print_table, progress_bar
-from pourcast.errors import InputError
+from pourcast.errors import InputError, StoreError
 
 if TYPE_CHECKING:
+    from pourcast.experiment.design.steps import Schedule
     from pourcast.experiment.storage.storage import Storage
 
 
@@ -204,7 +205,12 @@ def data(
     ] = False,
     import_files: Annotated[
         list[Path] | None,
-        typer.Option("--import", metavar="FILE", help="Take in a participant's or JATOS's file."),
+        typer.Option(
+            "--import",
+            metavar="FILE",
+            help="Take in answers: a participant's file, JATOS's or DataPipe's archive or folder, "
+            "STUDY/responses.jsonl if the database is lost.",
+        ),
     ] = None,
     withdraw: Annotated[
         str | None,
@@ -222,21 +228,21 @@ def data(
         _withdraw(study, None, withdraw)
         return
     with _storage(study, database, must_exist=not import_files) as storage:
-        if import_files:
-            _import(study, storage, import_files)
+        left_out = _import(study, storage, import_files) if import_files else 0
         if withdraw is not None:
             _withdraw(study, storage, withdraw)
-        if out is None and (import_files or withdraw is not None):
-            return
-        from pourcast.experiment.data.dataset import write_data
+        if out is not None or not (import_files or withdraw is not None):
+            from pourcast.experiment.data.dataset import write_data
 
-        written = write_data(
-            out or study / "data", study, storage, form.value, identifiers=identifiers,
-            remarks=remarks, preview=preview,
-        )  # fmt: skip
-    for path in written.paths:
-        typer.echo(str(path))
-    typer.echo(f"{written.participants} participants, {written.judgments} judgments")
+            written = write_data(
+                out or study / "data", study, storage, form.value, identifiers=identifiers,
+                remarks=remarks, preview=preview,
+            )  # fmt: skip
+            for path in written.paths:
+                typer.echo(str(path))
+            typer.echo(f"{written.participants} participants, {written.judgments} judgments")
+    if left_out:
+        raise StoreError(f"{left_out} lines were left out, as said above; the others are taken in")
 
 
 @experiment_app.command()
@@ -293,24 +299,33 @@ def _say(lines: Iterable[str]) -> None:
         typer.echo(line)
 
 
-def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
+def _import(study: Path, storage: "Storage", paths: list[Path]) -> int:
+    """Take in files of answers; returns how many lines were left out."""
     import time
 
-    from pourcast.experiment.data.record_import import import_records
+    from pourcast.experiment.data.record_import import import_records, restore
     from pourcast.experiment.design.links import UNFILLED
-    from pourcast.experiment.design.materials import prepare_materials
     from pourcast.experiment.storage.journal import Journal
 
-    with progress_bar() as report:
-        materials = prepare_materials(study, storage.secret, report)
-    journal = Journal.of_study(study)
+    journal = Journal.of_study(study, storage.states)
+    schedule = _schedule(study, storage)
+    left_out = 0
+    if not any(path.resolve() == journal.path.resolve() for path in paths):
+        # A file may be of a session that the study's own journal alone knows.
+        restored = restore(storage, journal, schedule, time.time())
+        if restored.opened:
+            typer.echo(f"{journal.path}: {restored.opened} sessions are restored")
     known = {session.key for session in storage.sessions()}
     for path in paths:
-        summary = import_records(path, storage, journal, materials.steps, time.time())
+        summary = import_records(path, storage, journal, schedule, time.time())
+        for message in summary.messages:
+            typer.echo(message, err=True)
         typer.echo(
-            f"{path}: {summary.sessions} sessions, {summary.new} new records, "
-            f"{summary.repeated} that were there, {summary.conflicts} kept aside"
+            f"{path}: {summary.sessions} sessions ({summary.opened} of them new), {summary.new} "
+            f"new records, {summary.repeated} that were there, {summary.conflicts} kept aside"
+            + ("" if summary.changes else "; nothing has changed")
         )
+        left_out += summary.left_out
     for session in storage.sessions():
         if session.key not in known and UNFILLED in session.identifiers:
             names = session.identifiers[UNFILLED]
@@ -318,6 +333,21 @@ def _import(study: Path, storage: "Storage", paths: list[Path]) -> None:
                 f"{session.participant}: came by a link in which nobody had filled in {names}; "
                 "is an anonymous participant of their own"
             )
+    return left_out
+
+
+def _schedule(study: Path, storage: "Storage") -> "Schedule":
+    """The study's schedule; its materials are made ready when it is first asked."""
+    from functools import cache
+
+    from pourcast.experiment.design.materials import Materials, prepare_materials
+
+    @cache
+    def materials() -> Materials:
+        with progress_bar() as report:
+            return prepare_materials(study, storage.secret, report)
+
+    return lambda group, place: materials().steps(group, place)
 
 
 def _database_is_lost(study: Path, database: str | None) -> bool:
@@ -331,7 +361,6 @@ def _database_is_lost(study: Path, database: str | None) -> bool:
 
 def _withdraw(study: Path, storage: "Storage | None", who: str) -> None:
     from pourcast.comparison.compare import TABLES
-    from pourcast.errors import StoreError
     from pourcast.experiment.data.withdrawal import withdraw
     from pourcast.experiment.storage.journal import Journal
 

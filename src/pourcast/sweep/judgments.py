@@ -1,10 +1,14 @@
 """Judgments of many models on a study's scenes, found by model and parameters."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import os
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -304,11 +308,30 @@ def sweep_in_study(
 
     Small work is done in this process: others take longer to start.
     """
-    store = Store(study / "sweep")
-    opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
-    return run_sweep(
-        make_plan(grid, scenes), store, opened, in_process_below=SMALL_WORK, report=report
-    )
+    with _store_of(study) as store:
+        opened = partial(make_executor, "local", workers, store.folder, None, ClusterOptions())
+        return run_sweep(
+            make_plan(grid, scenes), store, opened, in_process_below=SMALL_WORK, report=report
+        )
+
+
+@contextmanager
+def _store_of(study: Path) -> Iterator[Store]:
+    """A study's store; of a study that can't be written, one for now that knows what is in it."""
+    folder = study / "sweep"
+    if os.access(folder if folder.exists() else study, os.W_OK):
+        yield Store(folder)
+        return
+    with TemporaryDirectory() as place:
+        if folder.exists():
+            shutil.copytree(folder, Path(place, "sweep"), copy_function=_link)
+            for one in Path(place).rglob("*/"):
+                one.chmod(0o700)
+        yield Store(Path(place, "sweep"))
+
+
+def _link(there: str, here: str) -> None:
+    os.symlink(Path(there).absolute(), here)
 
 
 def grid_of(

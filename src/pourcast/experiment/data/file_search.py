@@ -11,7 +11,6 @@ import html
 import io
 import json
 import lzma
-import mmap
 import os
 import re
 import unicodedata
@@ -46,6 +45,11 @@ _DEEPEST = 4
 
 _LARGEST = 2**28
 """What is packed may be so large, unpacked [bytes]; what is larger is told of."""
+
+_CHUNK = 2**26
+"""So much is read at once [bytes], and so much again that a word may be parted by that:"""
+
+_OVERLAP = 2**14
 
 
 @dataclass(frozen=True)
@@ -112,7 +116,7 @@ def search_folder(folder: Path, needles: Sequence[Needle]) -> Findings:
     """
     findings = Findings()
     search = _Search(needles)
-    for path in sorted(_files(folder)):
+    for path in sorted(_files(folder, findings.unread)):
         inside = path.relative_to(folder)
         if _is_left_out(inside):
             findings.left_out += 1
@@ -131,10 +135,14 @@ def search_folder(folder: Path, needles: Sequence[Needle]) -> Findings:
     return findings
 
 
-def _files(folder: Path) -> Iterator[Path]:
-    """Yield all files, each folder once, wherever links lead."""
+def _files(folder: Path, unread: dict[Path, str]) -> Iterator[Path]:
+    """Yield all files, each folder once, wherever links lead; folders that can't be read aside."""
     seen: set[tuple[int, int]] = set()
-    for place, folders, names in os.walk(folder, followlinks=True):
+
+    def note(error: OSError) -> None:
+        unread[Path(error.filename)] = f"cannot be read ({error.strerror})"
+
+    for place, folders, names in os.walk(folder, followlinks=True, onerror=note):
         found = os.stat(place)
         if (found.st_dev, found.st_ino) in seen:
             folders.clear()
@@ -149,9 +157,6 @@ def _is_left_out(path: Path) -> bool:
     return path.parts[0] == "sweep" and path.suffix.lower() in _RESULTS
 
 
-Content = bytes | mmap.mmap
-
-
 class _Search:
     """Looks for the same words in one file after another."""
 
@@ -160,14 +165,12 @@ class _Search:
 
     def file(self, path: Path, name: str) -> tuple[list[str], str]:
         """Labels of what is in a file or its name; and why it could not be looked through."""
-        found = set(self._in(name.encode("utf-8", "surrogateescape")))
+        found = set(self._in(name.encode("utf-8", "surrogateescape"), is_database=False))
         problem = ""
         try:
             with path.open("rb") as stream:
-                if os.fstat(stream.fileno()).st_size:
-                    with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                        for part in _parts(content):
-                            found.update(self._in(part))
+                for part, is_database in _parts(stream):
+                    found.update(self._in(part, is_database))
         except FileNotFoundError:
             raise
         except OSError as error:
@@ -176,9 +179,8 @@ class _Search:
             problem = str(error)
         return list(dict.fromkeys(one.label for one in self._forms if one in found)), problem
 
-    def _in(self, content: Content) -> Iterator[Needle]:
+    def _in(self, content: bytes, is_database: bool) -> Iterator[Needle]:
         """Yield the words that are in something."""
-        is_database = content[:16].startswith(_DATABASES)
         for needle, forms in self._forms.items():
             if is_database and not needle.in_databases:
                 continue
@@ -191,18 +193,25 @@ class _UnreadableError(Exception):
     """A file can't be looked through; the message says why."""
 
 
-def _parts(content: Content, depth: int = 0) -> Iterator[Content]:
-    """Yield a file's content as it is, and all that is packed in it."""
-    yield content
-    begin = content[:8]
-    unpack = next((one for magic, one in _PACKED.items() if begin.startswith(magic)), None)
-    if unpack is None:
-        return
-    if depth == _DEEPEST or len(content) > _LARGEST:
-        raise _UnreadableError("packed too often, or too large to be unpacked")
+def _parts(stream: IO[bytes], depth: int = 0) -> Iterator[tuple[bytes, bool]]:
+    """Yield a file's content as it is, and all that is packed in it; and if it is a database's."""
+    content, kept = stream.read(_CHUNK), b""
+    is_database = content.startswith(_DATABASES)
+    unpack = next((one for magic, one in _PACKED.items() if content.startswith(magic)), None)
+    while content:
+        yield kept + content, is_database
+        kept, content = (kept + content)[-_OVERLAP:], stream.read(_CHUNK)
+    if unpack is not None:
+        yield from _unpacked(unpack, stream, depth)
+
+
+def _unpacked(unpack: "_Unpack", stream: IO[bytes], depth: int) -> Iterator[tuple[bytes, bool]]:
+    if depth == _DEEPEST:
+        raise _UnreadableError("packed too often to be unpacked")
+    stream.seek(0)
     try:
-        for inner in unpack(io.BytesIO(content)):
-            yield from _parts(inner, depth + 1)
+        for inner in unpack(stream):
+            yield from _parts(io.BytesIO(inner), depth + 1)
     except (EOFError, OSError, lzma.LZMAError, zlib.error, zipfile.BadZipFile) as error:
         raise _UnreadableError(f"damaged: it can't be unpacked ({error})") from None
     except pa.ArrowException as error:
@@ -211,7 +220,10 @@ def _parts(content: Content, depth: int = 0) -> Iterator[Content]:
         raise _UnreadableError(f"cannot be unpacked ({error})") from None
 
 
-def _unzipped(stream: io.BytesIO) -> Iterator[bytes]:
+_Unpack = Callable[[IO[bytes]], Iterator[bytes]]
+
+
+def _unzipped(stream: IO[bytes]) -> Iterator[bytes]:
     with zipfile.ZipFile(stream) as archive:
         yield "\n".join(archive.namelist()).encode("utf-8", "surrogateescape")
         for entry in archive.infolist():
@@ -219,7 +231,7 @@ def _unzipped(stream: io.BytesIO) -> Iterator[bytes]:
                 yield _all_of(inner)
 
 
-def _rows(stream: io.BytesIO) -> Iterator[bytes]:
+def _rows(stream: IO[bytes]) -> Iterator[bytes]:
     """Yield a Parquet file's rows as text."""
     for batch in pq.ParquetFile(stream).iter_batches():
         yield batch.to_pandas().to_csv().encode("utf-8", "surrogatepass")
@@ -227,8 +239,8 @@ def _rows(stream: io.BytesIO) -> Iterator[bytes]:
 
 def _opened(
     opener: Callable[[Any], IO[bytes] | gzip.GzipFile],
-) -> Callable[[io.BytesIO], Iterator[bytes]]:
-    def unpack(stream: io.BytesIO) -> Iterator[bytes]:
+) -> _Unpack:
+    def unpack(stream: IO[bytes]) -> Iterator[bytes]:
         with opener(stream) as inner:
             yield _all_of(inner)
 
@@ -242,7 +254,7 @@ def _all_of(stream: IO[bytes] | gzip.GzipFile) -> bytes:
     return content
 
 
-_PACKED: Mapping[bytes, Callable[[io.BytesIO], Iterator[bytes]]] = {
+_PACKED: Mapping[bytes, _Unpack] = {
     b"PK\x03\x04": _unzipped,
     b"PAR1": _rows,
     b"\x1f\x8b": _opened(gzip.open),
@@ -252,7 +264,7 @@ _PACKED: Mapping[bytes, Callable[[io.BytesIO], Iterator[bytes]]] = {
 """What unpacks files, by what they begin with."""
 
 
-def _is_in(content: Content, form: bytes, width: int, whole: bool) -> bool:
+def _is_in(content: bytes, form: bytes, width: int, whole: bool) -> bool:
     """Whether a word stands somewhere; `width`: bytes of a letter."""
     at = content.find(form)
     while at >= 0:

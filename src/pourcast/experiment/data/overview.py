@@ -88,7 +88,7 @@ class Overview:
                 "anonymous participant of their own"
             )
         return lines + [
-            f"{self.refusals[reason]} visits were refused, {because}"
+            f"visits that were refused: {self.refusals[reason]}, {because}"
             for reason, because in REFUSED_BECAUSE.items()
             if reason in self.refusals
         ]
@@ -162,13 +162,15 @@ def overview(storage: Storage, journal: Journal, *, stale_before: float = -math.
         (str(liquid), str(scene)): answers.tolist()
         for (liquid, scene), answers in test.groupby(["liquid", "scene"], sort=True)["response"]
     }
+    # That somebody was dropped is told by the time, too.
+    lines = [line for line in storage.journal_lines() if line.get("state") != DROPPED]
     return Overview(
         states,
         median_rt=float(test["rt"].median()),
         judgments=len(trials),
         conflicts=sum(record.session in recruited for record in storage.conflicts()),
         declined_later=tuple(one.participant for one in sessions if one.state == DECLINED_LATER),
-        missing_in_journal=len(journal.missing(storage.journal_lines())),
+        missing_in_journal=len(journal.missing(lines)),
         shared={one.participant: at_once[one.number] for one in sessions if one.number in at_once},
         unfilled=tuple(one.participant for one in sessions if UNFILLED in one.identifiers),
         refusals=storage.refusals(),

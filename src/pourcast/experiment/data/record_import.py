@@ -1,74 +1,154 @@
-"""Records from files: those that a participant downloaded, or that JATOS or DataPipe kept."""
+"""Answers from files: a participant's download, what JATOS or DataPipe kept, the study's journal.
 
-import json
+Whatever is good in them is taken in, and what isn't is named by file and line. The same file twice
+changes nothing. `storage.record_lines` says what the lines are.
+"""
+
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from pourcast.errors import InputError, one_line
+from pourcast.errors import one_line
+from pourcast.experiment.data.answer_files import Faults, Place, answer_files, json_values
+from pourcast.experiment.data.old_journal import current_lines, is_old_line
 from pourcast.experiment.design.links import marked, visitor
-from pourcast.experiment.design.steps import Schedule, Step
+from pourcast.experiment.design.schedule import OWN_ORDERS
+from pourcast.experiment.design.steps import Kind, Schedule, Step
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_bodies import canonical
-from pourcast.experiment.storage.records import Record
-from pourcast.experiment.storage.sessions import Arrival, Session
+from pourcast.experiment.storage.record_lines import (
+    CHANGES,
+    FORMAT,
+    JOURNAL_FORMAT,
+    SCHEMA_VERSION,
+    dumps,
+    is_line,
+    line_names,
+    names_of,
+)
+from pourcast.experiment.storage.records import Record, SaveResult
+from pourcast.experiment.storage.sessions import COMPLETE, DROPPED, OPEN, UNKNOWN, Session
 from pourcast.experiment.storage.storage import Storage
 
-FORMAT = "pourcast-records"
+_Key = Annotated[str, StringConstraints(min_length=8, max_length=100)]
+_Time = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+_Value = tuple[Place, Any]
+
+_BATCH = 1000
+"""Records that are saved in one transaction, at most."""
+
+_UNPLACED = (
+    "left out: no line opens its session, and none of its lines says which group and place it had; "
+    'if you know them, put {{"format":"pourcast-records","session":"{key}","group":GROUP,'
+    '"place":PLACE}} (both counted from 0) into the file, and import it again'
+)
+
+_SHOWN = ("phase", "trial", "block", "liquid", "scene", "mirrored")
+"""What a record's line says of its step."""
 
 
-class _Opening(BaseModel):
-    """First line of a session in a file."""
+class _Content(BaseModel):
+    """A line; what else stands in it is another's, and left alone."""
 
     model_config = ConfigDict(extra="ignore")
 
-    format: str
-    session: str = Field(min_length=8, max_length=100)
+
+class _Opening(_Content):
+    """First line of a session; a journal's says more than a page's."""
+
+    session: _Key
+    schema_version: int = Field(default=1, le=SCHEMA_VERSION)
     entry: str = Field(default="static", max_length=20)
     identifiers: dict[str, str] = Field(default_factory=dict, max_length=20)
     group: int | None = Field(default=None, ge=0)
     place: int | None = Field(default=None, ge=0)
+    number: int = 0
+    request: str = ""
+    participant: str = ""
+    code: str = ""
+    tab: str = ""
+    started: _Time | None = None
+    tokens: list[str] = Field(default_factory=list)
+    steps: list[Step] = Field(default_factory=list)
 
 
-class _Line(BaseModel):
-    """A record in a file."""
+class _Line(_Content):
+    """A record."""
 
-    model_config = ConfigDict(extra="ignore")
-
-    session: str
+    session: _Key
     seq: int = Field(ge=0)
+    kind: Kind | None = None
+    group: int | None = Field(default=None, ge=0)
+    place: int | None = Field(default=None, ge=0)
+    phase: str = ""
+    trial: int = 0
+    block: int = 0
+    liquid: str = ""
+    scene: str = ""
+    mirrored: bool = False
     body: dict[str, Any]
+    received: _Time | None = None
+    aside: bool = False
+
+
+class _Change(_Content):
+    """What became of a session: only a journal tells."""
+
+    session: _Key
+    token: str = ""
+    tab: str = ""
+    browser: str = ""
+    state: Annotated[str, StringConstraints(pattern="^[a-z_]{0,20}$")] = ""
 
 
 @dataclass(frozen=True)
 class ImportSummary:
-    """What was read from a file: sessions, and what became of its records."""
+    """What became of what was read.
+
+    Parameters
+    ----------
+    sessions
+        Number of sessions whose records or openings were read.
+    opened
+        Number of those that the database had not.
+    new, repeated, conflicts
+        Numbers of records that were taken in, were there already, and were kept aside.
+    left_out
+        Number of lines that were not taken in.
+    messages
+        What a researcher should know, a line each, by file and line.
+    """
 
     sessions: int
+    opened: int
     new: int
     repeated: int
     conflicts: int
+    left_out: int
+    messages: tuple[str, ...]
+
+    @property
+    def changes(self) -> bool:
+        """Whether the database has changed."""
+        return bool(self.opened or self.new or self.conflicts)
 
 
 def import_records(
-    path: Path,
-    storage: Storage,
-    journal: Journal,
-    schedule: Schedule,
-    now: float,
+    path: Path, storage: Storage, journal: Journal, schedule: Schedule, now: float
 ) -> ImportSummary:
-    """Take in a file of records: one that a participant downloaded, or that JATOS or DataPipe kept.
+    """Take in answers from a file, an archive or a folder of files.
 
     Parameters
     ----------
     path
-        JSON Lines: a line that opens each session, and a line each record.
+        What a participant downloaded, what JATOS or DataPipe kept, or a journal.
     storage, journal
-        Where they go.
+        Where they go; the journal may be what is read.
     schedule
         From group and place to a session's steps, of sessions that the database does not know.
     now
@@ -77,103 +157,386 @@ def import_records(
     Raises
     ------
     InputError
-        One line that names the file, the line and what was expected. Nothing of the
-        file is taken in then.
+        If it can't be read.
+    StoreError
+        If database or journal fail. What was taken in until then stays, and the same call
+        goes on.
     """
-    sources: dict[str, _Source] = {}
-    checked: list[tuple[str, int, str, str]] = []
-    for number, content in _json_lines(path):
-        where = f"{path}: line {number}"
-        try:
-            if "format" in content:
-                opening = _Opening.model_validate(content)
-                sources[opening.session] = _source(opening, storage, schedule, where)
-            else:
-                checked.append(_checked(_Line.model_validate(content), sources, where))
-        except ValidationError as error:
-            raise InputError(f"{where}: {one_line(error)}") from None
-    sessions = {
-        name: source.known or _opened(source, storage, now) for name, source in sources.items()
-    }
-    records = [
-        Record(sessions[name].number, seq, kind, body, now) for name, seq, kind, body in checked
-    ]
-    results = storage.save(records) if records else []
-    for session in sessions.values():
-        if len(storage.saved_steps(session.number)) == len(session.steps):
-            storage.end(session.number, "complete")
+    importer = _Importer(storage, schedule, now)
+    faults = importer.faults
+    is_own = path.resolve() == journal.path.resolve()
+    files = [(str(path), journal.read())] if is_own else list(answer_files(path, faults))
+    values = [value for name, content in files for value in json_values(name, content, faults)]
+    summary = importer.take_in(values)
+    if is_own:
+        _renew_old(journal, storage, values, faults.lines(str(path)))
     journal.catch_up(storage.journal_lines())
-    counts = Counter(result.status for result in results)
-    return ImportSummary(len(sessions), counts["new"], counts["repeated"], counts["conflict"])
+    return summary
 
 
-@dataclass(frozen=True)
-class _Source:
-    """A session in a file: known to the database, or to be opened with its steps."""
+def restore(storage: Storage, journal: Journal, schedule: Schedule, now: float) -> ImportSummary:
+    """Take in what a study's journal has and its database lacks, such as a new one's all.
 
-    opening: _Opening
-    known: Session | None
-    steps: Sequence[Step]
-
-
-def _checked(line: _Line, sources: Mapping[str, _Source], where: str) -> tuple[str, int, str, str]:
-    """A record's session, step, kind and body."""
-    source = sources.get(line.session)
-    if source is None:
-        raise InputError(f"{where}: session: no line before opens it")
-    if line.seq >= len(source.steps):
-        raise InputError(f"{where}: seq: expected below {len(source.steps)}")
-    kind = source.steps[line.seq].kind
-    return line.session, line.seq, kind, canonical(kind, line.body)
+    See `import_records`. What the journal lacks is for `Journal.catch_up`.
+    """
+    importer = _Importer(storage, schedule, now)
+    name = str(journal.path)
+    values = list(json_values(name, journal.read(), importer.faults))
+    summary = importer.take_in(_lacking(values, storage))
+    _renew_old(journal, storage, values, importer.faults.lines(name))
+    return summary
 
 
-def _json_lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file ({error})") from None
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip():
+def _lacking(values: Sequence[_Value], storage: Storage) -> list[_Value]:
+    """What a database lacks of a journal; what is no line stays, too."""
+    there = names_of(storage.journal_lines())
+    # Of what a session once was only the last counts.
+    last = names_of(content for _, content in values if is_line(content))
+    return [
+        (place, content)
+        for place, content in values
+        if not is_line(content)
+        or content.get("format") == JOURNAL_FORMAT
+        or (line_names(content) - there and line_names(content) <= last)
+    ]
+
+
+def _renew_old(
+    journal: Journal, storage: Storage, values: Iterable[_Value], left_out: Collection[int]
+) -> None:
+    """Write a journal of an older form anew; what was left out of it stays in it as it was."""
+    if not any(is_old_line(content) for _, content in values):
+        return
+    texts = journal.read().split(b"\n")
+    kept = [text + b"\n" for number, text in enumerate(texts, 1) if number in left_out]
+    lines = [dumps(line).encode("utf-8", "replace") for line in storage.journal_lines()]
+    journal.rewrite(b"".join([*lines, *kept]))
+
+
+@dataclass
+class _Run:
+    """What the files say of a session."""
+
+    openings: list[tuple[Place, _Opening]] = field(default_factory=list)
+    records: list[tuple[Place, _Line]] = field(default_factory=list)
+    changes: list[_Change] = field(default_factory=list)
+
+    @property
+    def opening(self) -> _Opening | None:
+        """The first line that opens it."""
+        return self.openings[0][1] if self.openings else None
+
+
+class _Importer:
+    """Takes lines into a database.
+
+    Parameters
+    ----------
+    storage, schedule, now
+        As for `import_records`.
+    """
+
+    def __init__(self, storage: Storage, schedule: Schedule, now: float) -> None:
+        self.storage, self.schedule, self.now = storage, schedule, now
+        self.faults = Faults()
+        """What was left out."""
+        self._counts: Counter[str] = Counter()
+        self._is_journal = False
+        """Whether a server wrote the lines: it tells more than a participant's browser can."""
+        self._is_own = False
+        """Whether that server had this database's secrets."""
+        self._tells_ends = False
+        """Whether the lines tell how sessions ended."""
+
+    def take_in(self, values: Sequence[_Value]) -> ImportSummary:
+        """Take in what is good of these lines."""
+        is_old = any(is_old_line(content) for _, content in values)
+        if is_old:
+            keys = {(one.participant, one.started): one.key for one in self.storage.sessions()}
+            values = list(current_lines(values, keys, self.faults))
+        heads = [(place, content) for place, content in values if _is_head(content)]
+        for place, head in heads:
+            self._take_words(place, head)
+        self._is_journal, self._tells_ends = bool(heads) or is_old, bool(heads)
+        runs = _runs(values, self.faults)
+        for key, run in runs.items():
+            self._take_in_run(key, run)
+        return ImportSummary(
+            sum(bool(run.openings or run.records) for run in runs.values()),
+            self._counts["opened"],
+            self._counts["new"],
+            self._counts["repeated"],
+            self._counts["conflict"],
+            len(self.faults),
+            tuple(self.faults.messages()),
+        )
+
+    def _take_words(self, place: Place, head: Mapping[str, Any]) -> None:
+        """Let a database in which nobody has begun take over a journal's secrets."""
+        self.storage.take_words(head)
+        if head.get("secret") == self.storage.words["secret"]:
+            self._is_own = True
+            return
+        self.faults.add(
+            place,
+            "left out: the secrets of another database; links that were given away with them "
+            "don't open this study",
+        )
+
+    # Sessions ------------------------------------------------------------------------
+
+    def _take_in_run(self, key: str, run: _Run) -> None:
+        known = self.storage.session_with_key(key) or self.storage.session_of(key)
+        session = known or self._opened(key, run)
+        if session is None:
+            return
+        if known and known.entry == UNKNOWN and run.opening:
+            self.storage.identify(self._identified(known, run.opening))
+        for first in range(0, len(run.records), _BATCH):
+            self._save(session, run.records[first : first + _BATCH])
+        self._end(session, run, is_new=known is None)
+
+    def _opened(self, key: str, run: _Run) -> Session | None:
+        """A session that the database has not, put into it; None if nobody can tell its steps."""
+        placed = self._placed(run)
+        if placed is None:
+            for place, _ in run.records:
+                self.faults.add(place, _UNPLACED.format(key=key))
+            return None
+        group, place_number, steps = placed
+        opening = run.opening
+        if opening is None:
+            opening = _Opening(session=key, entry=UNKNOWN)
+            self.faults.note(
+                run.records[0][0],
+                f"no line opens session {key}; it is taken in as one of group "
+                f"{group + 1}, order {place_number}, with the entry {UNKNOWN!r}",
+            )
+        started = self.now if opening.started is None else opening.started
+        session = Session(
+            number=0,
+            key=key,
+            request="",
+            participant="",
+            entry=opening.entry,
+            identifiers=opening.identifiers,
+            group=group,
+            place=place_number,
+            state=OPEN,
+            tab="",
+            # What a page without a server shows at the end.
+            code=key[:8].upper(),
+            steps=tuple(steps),
+            started=self.now,
+            last_seen=self.now,
+        )
+        tokens: list[str] = []
+        browsers: list[str] = []
+        if self._is_journal:
+            browsers = [one.browser for one in run.changes if one.browser]
+            tokens = [*opening.tokens, *(one.token for one in run.changes if one.token)]
+            session = replace(
+                session,
+                number=opening.number,
+                request=opening.request,
+                tab=_last([opening.tab, *(one.tab for one in run.changes)]),
+                code=opening.code,
+                started=started,
+                last_seen=started,
+            )
+        self._counts["opened"] += 1
+        return self.storage.restore(self._identified(session, opening), tokens, browsers)
+
+    def _identified(self, session: Session, opening: _Opening) -> Session:
+        """A session with who it is, as its opening line says."""
+        participant = opening.participant if self._is_journal else ""
+        # A server has looked at the link before it wrote the line.
+        ids = opening.identifiers if self._is_journal else marked(opening.identifiers)
+        if not self._is_own:
+            # The same person is called the same as in this database.
+            who = visitor(opening.identifiers, self.storage.secret)
+            participant = (who.participant if who else "") or participant
+        return replace(
+            session,
+            participant=participant,
+            entry=opening.entry,
+            identifiers=ids,
+        )
+
+    def _placed(self, run: _Run) -> tuple[int, int, Sequence[Step]] | None:
+        """Group, place and steps of a session that the database does not know."""
+        said: list[_Opening | _Line] = [one for _, one in run.openings]
+        said += [one for _, one in run.records]
+        places = [
+            (one.group, one.place)
+            for one in said
+            if one.group is not None and one.place is not None
+        ]
+        if run.opening and run.opening.steps and self._is_journal and places:
+            return *places[0], run.opening.steps
+        found = places[0] if places else _place_by_stimuli(run.records, self.schedule)
+        if found is None:
+            for place, _ in run.openings:
+                self.faults.add(place, "left out: session: not one of this study's")
+            return None
+        try:
+            steps = self.schedule(*found)
+        except IndexError:
+            for place, _ in run.openings:
+                self.faults.add(place, f"left out: group: this study has no group {found[0]}")
+            return None
+        return *found, _as_shown(steps, run.records)
+
+    def _end(self, session: Session, run: _Run, *, is_new: bool) -> None:
+        """Say how a session ended: as a journal says, or complete if all of it is there.
+
+        What has ended stays as it is.
+        """
+        if not self._tells_ends:
+            goes_on = session.state in (OPEN, DROPPED)
+            if goes_on and len(self.storage.saved_steps(session.number)) == len(session.steps):
+                self.storage.end(session.number, COMPLETE)
+            return
+        if self._is_own:
+            self.storage.add_tokens(session.number, [one.token for one in run.changes if one.token])
+        state = _last(one.state for one in run.changes)
+        if state not in ("", OPEN) and (is_new or (self._is_own and state != DROPPED)):
+            self.storage.end(session.number, state)
+
+    # Records -------------------------------------------------------------------------
+
+    def _save(self, session: Session, lines: Sequence[tuple[Place, _Line]]) -> None:
+        """Save a session's records, and count what becomes of them."""
+        checked = []
+        # What was kept aside comes after what it was in conflict with.
+        for place, line in sorted(lines, key=lambda one: one[1].aside):
+            record = self._checked(place, line, session)
+            if record is not None:
+                checked.append((place, record))
+        results = self.storage.save([record for _, record in checked]) if checked else []
+        for (place, record), result in zip(checked, results, strict=True):
+            self._count(place, record, result)
+
+    def _count(self, place: Place, record: Record, result: SaveResult) -> None:
+        if result.status == "gone":
+            self.faults.add(place, "left out: its session was deleted in the meantime")
+        elif result.status != "conflict":
+            self._counts[result.status] += 1
+        elif result.kept:
+            self._counts["conflict"] += 1
+            self.faults.note(
+                place, f"step {record.seq} has another answer already; this one is kept aside"
+            )
+        elif self._is_aside(record):
+            self._counts["repeated"] += 1
+        else:
+            self.faults.add(place, "left out: too many other answers are kept aside under its step")
+
+    def _is_aside(self, record: Record) -> bool:
+        return any(
+            (one.session, one.seq, one.body) == (record.session, record.seq, record.body)
+            for one in self.storage.conflicts()
+        )
+
+    def _checked(self, place: Place, line: _Line, session: Session) -> Record | None:
+        """A line's record as it is stored; None if it is none of its step."""
+        if line.seq >= len(session.steps):
+            self.faults.add(
+                place, f"left out: seq: expected below {len(session.steps)}, found {line.seq}"
+            )
+            return None
+        kind = session.steps[line.seq].kind
+        if line.kind not in (None, kind):
+            self.faults.add(
+                place, f"left out: kind: step {line.seq} is {kind!r}, found {line.kind!r}"
+            )
+            return None
+        try:
+            body = canonical(kind, line.body)
+        except ValidationError as error:
+            self.faults.add(place, f"left out: {one_line(error)}")
+            return None
+        received = line.received if self._is_journal else None
+        time = self.now if received is None else received
+        return Record(session.number, line.seq, kind, body, time)
+
+
+def _is_head(content: Any) -> bool:
+    return isinstance(content, dict) and content.get("format") == JOURNAL_FORMAT
+
+
+def _runs(values: Iterable[_Value], faults: Faults) -> dict[str, _Run]:
+    """What there is of each session, by its key; what is no line is a fault."""
+    runs: dict[str, _Run] = {}
+    for place, content in values:
+        if _is_head(content):
             continue
         try:
-            content = json.loads(line)
-        except ValueError as error:
-            raise InputError(f"{path}: line {number}: not JSON ({error})") from None
-        if not isinstance(content, dict):
-            raise InputError(f"{path}: line {number}: expected an object")
-        yield number, content
+            line = _parsed(content)
+        except ValidationError as error:
+            faults.add(place, f"left out: {one_line(error)}")
+            continue
+        if line is None:
+            faults.add(place, f"left out: no line of {FORMAT}")
+            continue
+        run = runs.setdefault(line.session, _Run())
+        if isinstance(line, _Opening):
+            run.openings.append((place, line))
+        elif isinstance(line, _Line):
+            run.records.append((place, line))
+        else:
+            run.changes.append(line)
+    return runs
 
 
-def _source(opening: _Opening, storage: Storage, schedule: Schedule, where: str) -> _Source:
-    """What an opening line speaks of; nothing is written yet."""
-    if opening.format != FORMAT:
-        raise InputError(f"{where}: format: expected {FORMAT}, found {opening.format}")
-    # A token, in files of pages that knew no key.
-    known = storage.session_with_key(opening.session) or storage.session_of(opening.session)
-    if known is not None:
-        return _Source(opening, known, known.steps)
-    if opening.group is None or opening.place is None:
-        raise InputError(f"{where}: session: not one of this study's")
-    try:
-        return _Source(opening, None, schedule(opening.group, opening.place))
-    except IndexError:
-        raise InputError(f"{where}: group: this study has no group {opening.group}") from None
+def _parsed(content: Any) -> _Opening | _Line | _Change | None:
+    if not isinstance(content, dict):
+        return None
+    if content.get("format") == FORMAT:
+        return _Opening.model_validate(content)
+    if {"session", "seq"} <= content.keys():
+        return _Line.model_validate(content)
+    if "session" in content and content.keys() & CHANGES:
+        return _Change.model_validate(content)
+    return None
 
 
-def _opened(source: _Source, storage: Storage, now: float) -> Session:
-    """A session that was run without our server."""
-    opening = source.opening
-    who = visitor(opening.identifiers, storage.secret)
-    arrival = Arrival(
-        f"import {opening.session}",
-        opening.entry,
-        marked(opening.identifiers),
-        tab="",
-        participant=who.participant if who else "",
-        key=opening.session,
+def _place_by_stimuli(
+    records: Sequence[tuple[Place, _Line]], schedule: Schedule
+) -> tuple[int, int] | None:
+    """Group and place that show what these records are of, if one group alone does."""
+    shown = {line.seq: line.body["stimulus"] for _, line in records if "stimulus" in line.body}
+    fitting: list[tuple[int, int]] = []
+    for group in count():
+        for place in range(OWN_ORDERS):
+            try:
+                steps = schedule(group, place)
+            except IndexError:
+                return fitting[0] if len({one for one, _ in fitting}) == 1 else None
+            if shown and _fits(shown, steps):
+                fitting.append((group, place))
+    raise AssertionError
+
+
+def _fits(shown: Mapping[int, Any], steps: Sequence[Step]) -> bool:
+    return all(
+        seq < len(steps) and name and name in (steps[seq].still, steps[seq].film)
+        for seq, name in shown.items()
     )
-    assert opening.group is not None
-    assert opening.place is not None
-    return storage.insert(arrival, opening.group, opening.place, source.steps, now)
+
+
+def _as_shown(steps: Sequence[Step], records: Iterable[tuple[Place, _Line]]) -> list[Step]:
+    """Steps of a schedule, with what records say that was shown: the design may have changed."""
+    changed = list(steps)
+    for _, line in records:
+        if line.seq < len(changed) and line.kind and line.scene:
+            shown = {name: getattr(line, name) for name in _SHOWN}
+            step = changed[line.seq]
+            if any(getattr(step, name) != value for name, value in shown.items()):
+                changed[line.seq] = Step(seq=line.seq, kind=line.kind, **shown)
+    return changed
+
+
+def _last(words: Iterable[str]) -> str:
+    """The last word that is not empty."""
+    return next((word for word in reversed(list(words)) if word), "")

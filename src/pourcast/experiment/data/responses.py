@@ -12,6 +12,9 @@ from pourcast.scenes.scene import Scene
 from pourcast.study.folder import DATABASE, study_liquids
 from pourcast.study.responses import TEST, check_responses, read_responses
 
+JOURNAL = "responses.jsonl"
+"""The second copy of what the database has (`storage.journal`)."""
+
 RESPONSES = "responses"
 """Folder of a study's tables of responses."""
 
@@ -56,6 +59,8 @@ def find_responses(study: Path) -> Path:
     )
     if (study / DATABASE).is_file() and (not sources or len(_collected(study / DATABASE))):
         sources.insert(0, study / DATABASE)
+    if not sources and (study / JOURNAL).is_file() and not (study / DATABASE).is_file():
+        _refuse_lost_database(study)
     if not sources:
         raise InputError(
             f"{study / RESPONSES}: no table of responses; collect some with `pourcast experiment "
@@ -68,6 +73,15 @@ def find_responses(study: Path) -> Path:
             f"{study}: more than one source of responses ({names}); name one with --responses"
         )
     return sources[0]
+
+
+def _refuse_lost_database(study: Path) -> None:
+    """Say how to get a database again, if its journal is still there."""
+    require_extra("experiment")
+    from pourcast.experiment.storage.journal import how_to_restore  # noqa: PLC0415
+
+    if todo := how_to_restore(study):
+        raise InputError(f"{study / DATABASE}: not there; {todo}")
 
 
 def _collected(database: Path) -> pd.DataFrame:

@@ -18,7 +18,8 @@ from pourcast.files import replacing
 TRIAL_COLUMNS = {
     "participant": "Code of the participant, the same in all tables",
     "session": "Number of the session",
-    "entry": "How the participant came: lab, prolific, mturk, jatos, static, preview, simulation",
+    "entry": "How the participant came: lab, prolific, mturk, jatos, static, preview, simulation; "
+    "unknown where a file of answers had lost the line that says it",
     "state": "State of the session: open, complete, dropped, screened_out, failed_check, or "
     "declined_later (after having agreed)",
     "group": "Number of the group, from 1; groups see different liquids",
@@ -36,6 +37,9 @@ TRIAL_COLUMNS = {
     "input": "What moved the handle last: mouse, touch or keyboard",
     "window_width": "Width of the window [points]",
     "window_height": "Height of the window [points]",
+    "picture_width": "Width of the picture when the answer was handed in [points]",
+    "picture_height": "Height of the picture when the answer was handed in [points]",
+    "pixel_ratio": "The screen's pixels in a point; page zoom counts",
     "focus_losses": "How often the page lost the focus during the trial",
     "dropped_frames": "Pictures that the screen did not show in time during the trial",
     "received": "When the answer was saved [seconds since 1970, UTC]",

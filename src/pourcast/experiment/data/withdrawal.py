@@ -6,6 +6,7 @@ is made again. Then the whole folder is searched for all that the person is call
 still left is named, for the researcher to clean by hand.
 """
 
+import os
 import time
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -138,7 +139,7 @@ def _live_files(study: Path, storage: Storage | None, journal: Journal) -> set[P
 
 def _clean_file(study: Path, path: Path, person: Person, done: Withdrawal) -> None:
     """Take a person out of a file of ours; a temporary one left behind goes as a whole."""
-    name = path.relative_to(study)
+    name = _shown(path, study)
     try:
         if is_temporary(path):
             if time.time() - path.stat().st_mtime > _BEING_WRITTEN:
@@ -173,7 +174,7 @@ def _delete_derived(
         command = f"pourcast {'report' if is_report else 'compare'} {study}"
         output = "" if folder == study / "report" else f" -o {folder}"
         done.deleted.append(
-            f"{folder.relative_to(study)}: {len(files)} files, made with this person's answers; "
+            f"{_shown(folder, study)}: {len(files)} files, made with this person's answers; "
             f"`{command}{output}` makes them again without"
         )
 
@@ -224,8 +225,8 @@ def _look_again(study: Path, storage: Storage | None, journal: Journal, done: Wi
         findings = _search(study, storage, done.person)
     for path, labels in findings.found.items():
         why = "; it is being written: say this again in a minute" if is_temporary(path) else ""
-        done.left.append(f"{path.relative_to(study)}: has {_listed(labels)}{why}")
-    done.left += [f"{p.relative_to(study)}: {why}" for p, why in findings.unread.items()]
+        done.left.append(f"{_shown(path, study)}: has {_listed(labels)}{why}")
+    done.left += [f"{_shown(p, study)}: {why}" for p, why in findings.unread.items()]
     done.notes += _search_notes(study, findings)
 
 
@@ -239,9 +240,14 @@ def _search_notes(study: Path, findings: Findings) -> list[str]:
     if findings.left_out:
         notes[0] += f"; not through {findings.left_out} ({LEFT_OUT})"
     if findings.shown:
-        names = [str(path.relative_to(study)) for path in findings.shown]
+        names = [_shown(path, study) for path in findings.shown]
         notes.append(f"what pictures, films and PDFs show was not looked at: {_listed(names, 10)}")
     return notes
+
+
+def _shown(path: Path, study: Path) -> str:
+    """A path inside the study as it can be printed, whatever its name is written in."""
+    return os.fsencode(path.relative_to(study)).decode("utf-8", "replace")
 
 
 def _listed(names: Iterable[str], most: int = 5) -> str:

@@ -14,6 +14,9 @@ from pourcast.study.responses import TEST
 PRACTICE = "practice"
 """The phase with films; no model is compared on it."""
 
+OWN_ORDERS = 24
+"""Orders to choose from, a group, where each participant has an own one and no server counts."""
+
 _ORDER = 2
 """Sets the random numbers of orders apart from others with the same seed."""
 

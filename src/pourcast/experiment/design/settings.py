@@ -89,9 +89,10 @@ class Design(Frozen):
     comprehension_attempts
         How often the questions may be answered before the session ends.
     minimum_width, minimum_height
-        Least size of the window [points].
+        Least size of the page [points], once it fills the screen. Pictures are scaled to what there
+        is. The defaults fit a laptop of 1366 x 768, even in a window with a bookmarks bar.
     fullscreen
-        Fill the screen.
+        Fill the screen, where the browser can; asked for again when it was left.
     largest_gap
         After this long without an answer a session can't be resumed, and its place
         is given to somebody else [s].
@@ -114,7 +115,7 @@ class Design(Frozen):
     places: int | None = Field(default=None, ge=1)
     comprehension_attempts: int = Field(default=3, ge=1)
     minimum_width: int = Field(default=1280, ge=320)
-    minimum_height: int = Field(default=720, ge=320)
+    minimum_height: int = Field(default=585, ge=320)
     fullscreen: bool = True
     largest_gap: float = Field(default=7200.0, gt=0.0)
     slider: SliderDesign = SliderDesign()

@@ -10,12 +10,10 @@ from typing import Any
 
 from pourcast.errors import InputError
 from pourcast.experiment.design.materials import Materials
+from pourcast.experiment.design.schedule import OWN_ORDERS
 from pourcast.experiment.design.settings import Design, texts_of
 from pourcast.experiment.page.pages import participant_view, require_page, write_page
 from pourcast.files import check_empty, replacing, write_text
-
-OWN_ORDERS = 24
-"""Orders to choose from, a group, where each participant has an own one."""
 
 _STUDY_UUIDS = uuid.UUID("6f0f4f0c-5d3a-4a36-9d2c-0c6ce3d0a3f1")
 """Namespace of JATOS's ids: the same study has the same id, however often it is exported."""

@@ -15,16 +15,19 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from pourcast.errors import StoreError
+from pourcast.experiment.data.record_import import restore
 from pourcast.experiment.design.links import PERSONAL, UNFILLED, Visitor
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.server.clock import Clock, RunningClock
+from pourcast.experiment.storage.database_file import TakenAwayError
 from pourcast.experiment.storage.endings import Ending
 from pourcast.experiment.storage.failures import LOGGER, Failures
-from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.journal import Journal, journal_words
 from pourcast.experiment.storage.record_bodies import canonical
 from pourcast.experiment.storage.record_lines import (
     Line,
+    browser_line,
     opening_line,
     record_line,
     state_line,
@@ -102,10 +105,12 @@ class LiveExperiment:
         journal_retry: float = _JOURNAL_RETRY,
     ) -> None:
         self.study, self.storage, self.clock = study, storage, clock or RunningClock()
+        self.journal = Journal.of_study(study, storage.states)
+        storage.take_words(journal_words(self.journal.path))
         self.materials = prepare_materials(study, storage.secret, report)
         self.scenes, self.design = self.materials.scenes, self.materials.design
         self.texts = texts_of(study, self.design)
-        self.journal = Journal.of_study(study)
+        self._restore()
         self.storage_failures = Failures("participants' browsers try again until it works")
         self.materials.publish_for(
             session.steps for session in storage.sessions() if session.state == OPEN
@@ -113,9 +118,11 @@ class LiveExperiment:
         # All that an earlier server's stamps tell may be of another clock.
         self.storage.wait_anew(self.clock())
         self._delete_declined()
-        self.storage.forget_log()
+        # What an earlier server deleted may be in the log still, if it was killed just then.
+        self._log_is_clean = storage.forget_log()
         self.journal.catch_up(storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
+        self._states = storage.states()
         self._is_away = False
         self._visits = _Visits(sessions_per_address)
         self._sessions: OrderedDict[str, Session] = OrderedDict()
@@ -124,6 +131,17 @@ class LiveExperiment:
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="database")
         self._journal_retry = journal_retry
         self._waiting: asyncio.Queue[_Waiting] | None = None
+
+    def _restore(self) -> None:
+        """Take in what the journal has and the database, which may be a new one, has not."""
+        restored = restore(self.storage, self.journal, self.materials.steps, self.clock())
+        if restored.opened or restored.new:
+            LOGGER.warning(
+                "%s: had %s sessions and %s records that the database lacked; they are restored",
+                self.journal.path,
+                restored.opened,
+                restored.new,
+            )
 
     @property
     def failures(self) -> list[str]:
@@ -135,7 +153,6 @@ class LiveExperiment:
         """Close the database; what the journal could not take is tried once more."""
         self._pool.shutdown()
         with contextlib.suppress(StoreError):  # said below: all of it still waits
-            self._forget_deleted_sessions()
             self.journal.retry()
         if self.journal.waiting:
             LOGGER.error(
@@ -151,17 +168,15 @@ class LiveExperiment:
         self, visitor: Visitor, request: str, tab: str, address: str
     ) -> tuple[Session, str]:
         """Begin a session, or go on with it; see `Storage.begin`."""
-        if not self._visits.allowed(address, self.clock()):
-            raise Refusal("busy")
+        self._limit_visits(address)
         ids = {one for name, one in visitor.identifiers.items() if name in PERSONAL}
         is_platforms = visitor.entry in ("prolific", "mturk")
         if is_platforms and self._allowed_ids is not None and not ids <= self._allowed_ids:
-            await self._count_refusal("unlisted", ", ".join(ids))
+            await self._count_refusal("unlisted")
             raise Refusal("unlisted")
         arrival = Arrival(request, visitor.entry, visitor.identifiers, tab, visitor.participant)
 
         def work() -> tuple[Session, str]:
-            self._forget_deleted_sessions()
             session, token, is_new = self.storage.begin(
                 arrival,
                 self.materials.steps,
@@ -174,9 +189,11 @@ class LiveExperiment:
             if is_new:
                 self._append_to_journal([opening_line(session, [digest])])
             else:
-                self._append_to_journal(
-                    [token_line(session.key, digest), tab_line(session.key, tab)]
-                )
+                lines = [token_line(session.key, digest), tab_line(session.key, tab)]
+                if (session.number, request) in self.storage.browsers():
+                    lines.append(browser_line(session.key, request))
+                self._append_to_journal(lines)
+            self._note_states()
             return session, token
 
         return await self._call(work)
@@ -196,21 +213,31 @@ class LiveExperiment:
         Refusal
             Always.
         """
-        if not self._visits.allowed(address, self.clock()):
-            raise Refusal("busy")
+        self._limit_visits(address)
         await self._count_refusal(UNFILLED, ", ".join(f"{k}={v}" for k, v in found.items()))
         raise Refusal(UNFILLED)
 
-    async def _count_refusal(self, reason: str, found: str) -> None:
-        """Count a refusal, and tell of the first one."""
+    def _limit_visits(self, address: str) -> None:
+        """Refuse who comes too often; that is not counted, or it would cost what it saves."""
+        if not self._visits.allowed(address, self.clock()):
+            self._tell_refusal(
+                "busy",
+                f"as more than {self._visits.most} visits came from one address within an hour; if "
+                "they are your participants, see --sessions-per-address, and --behind-proxy",
+            )
+            raise Refusal("busy")
+
+    async def _count_refusal(self, reason: str, found: str = "") -> None:
+        """Count a refusal, and tell of the first one: without ids, which are for no log."""
         await self._call(lambda: self.storage.count_refusal(reason))
+        found = f" (found {found[:100]!r})" if found else ""
+        why = f"{REFUSED_BECAUSE[reason]}{found}; `pourcast experiment status` counts them"
+        self._tell_refusal(reason, why)
+
+    def _tell_refusal(self, reason: str, why: str) -> None:
         if reason not in self._told_refusals:
             self._told_refusals.add(reason)
-            LOGGER.warning(
-                "a visitor was refused, %s (%.100r); `pourcast experiment status` counts them",
-                REFUSED_BECAUSE[reason],
-                found,
-            )
+            LOGGER.warning("a visitor was refused, %s", why)
 
     async def resume(self, token: str, tab: str | None) -> Session:
         """Look a session up, and give it to a tab if there is one.
@@ -232,6 +259,7 @@ class LiveExperiment:
             )
             if session is not None and tab is not None and session.state == OPEN:
                 self._append_to_journal([tab_line(session.key, tab)])
+            self._note_states()
             return session
 
         session = await self._call(work)
@@ -306,7 +334,7 @@ class LiveExperiment:
             if ending is not None and ending.session.state == DECLINED:
                 self._delete_declined()
             elif ending is not None and ending.is_new:
-                self._append_to_journal([state_line(ending.session.key, ending.session.state)])
+                self._note_states()
             return ending
 
         return await self._call(work)
@@ -320,10 +348,14 @@ class LiveExperiment:
         sessions = [one for one in self.storage.sessions() if one.state == DECLINED]
         if not sessions:
             return
-        self.journal.remove({session.key for session in sessions})
+        # Lines that were damaged, too, if they have a name that is this person's alone.
+        names = {one.code for one in sessions} | {
+            value for one in sessions for name, value in one.identifiers.items() if name in PERSONAL
+        }
+        self.journal.remove({session.key for session in sessions}, names)
         self._journal_identity = self._identity_of_journal()
         self.storage.delete({session.number for session in sessions})
-        self.storage.forget_log()
+        self._log_is_clean = self.storage.forget_log()
 
     # Saving --------------------------------------------------------------------------
 
@@ -361,7 +393,6 @@ class LiveExperiment:
                     one.saved.set_result(result)
 
     def _save(self, batch: "list[_Waiting]") -> list[SaveResult]:
-        self._forget_deleted_sessions()
         results = self.storage.save([one.record for one in batch])
         back = {
             one.session.number for one, result in zip(batch, results, strict=True) if result.dropped
@@ -373,20 +404,27 @@ class LiveExperiment:
             for one, result in zip(batch, results, strict=True)
             if result.kept
         )
+        if back:
+            self._note_states()
         return results
+
+    def _note_states(self) -> None:
+        """Write to the journal what has become of sessions: ended, dropped, or open again."""
+        states = self.storage.states()
+        changed = {
+            key: state for key, state in states.items() if state != self._states.get(key, OPEN)
+        }
+        self._states = states
+        if changed:
+            self._append_to_journal(state_line(key, state) for key, state in changed.items())
 
     async def _retry_journal(self) -> None:
         """Try again what the journal could not take, should no more records come."""
-
-        def work() -> None:
-            self._forget_deleted_sessions()
-            self._append_to_journal([])
-
         while True:
             await asyncio.sleep(self._journal_retry)
             if self.journal.waiting:
                 with contextlib.suppress(StoreError):  # counted by `_call`; tried again
-                    await self._call(work)
+                    await self._call(lambda: self._append_to_journal([]))
 
     async def _look_after_files(self) -> None:
         """Notice what becomes of the database and the journal, should no records come."""
@@ -404,47 +442,49 @@ class LiveExperiment:
             self._is_away = True
             raise
         if self._is_away:
+            self._is_away = False
             # It may have taken records that nobody was told of, nor the journal.
             self.journal.catch_up(self.storage.journal_lines())
             self._journal_identity = self._identity_of_journal()
             self.storage_failures.end()
-            self._is_away = False
         self._look_after_journal()
+        if not self._log_is_clean:
+            self._log_is_clean = self.storage.forget_log()
 
     def _append_to_journal(self, lines: Iterable[Line]) -> None:
         """Append what the database has by now; a journal that somebody took away is told of."""
-        if self._look_after_journal():
-            self.journal.append(lines)
-            self._journal_identity = self._identity_of_journal()
+        if not self._look_after_journal():
+            lines = self.journal.missing(lines)
+        self.journal.append(lines)
+        self._journal_identity = self._identity_of_journal()
 
     def _look_after_journal(self) -> bool:
         """Write the journal anew from the database if it was taken away; whether it was there."""
-        if self._identity_of_journal() == self._journal_identity:
+        found, before = self._identity_of_journal(), self._journal_identity
+        if found == before and self.journal.waiting:
+            return True  # it could not be made yet
+        # The system gives the number of a file that was deleted to the next one.
+        if found and before and found[0] == before[0] and found[1] >= before[1]:
             return True
         self.journal.keep_waiting_of(())  # all of it is in the database
         missing = self.journal.catch_up(self.storage.journal_lines())
         self._journal_identity = self._identity_of_journal()
-        if missing:
+        if missing and before is not None:
             LOGGER.warning(
-                "%s: was deleted or replaced while the study was served; %s lines that it lacked "
-                "were written again from the database",
+                "%s: was deleted, emptied or replaced while the study was served; %s lines that it "
+                "lacked were written again from the database",
                 self.journal.path,
                 missing,
             )
         return False
 
-    def _identity_of_journal(self) -> tuple[int, int] | None:
-        """Which file the journal is; None if there is none."""
+    def _identity_of_journal(self) -> tuple[tuple[int, int], int] | None:
+        """Which file the journal is, and its size; None if there is none, or nothing in it."""
         try:
             found = self.journal.path.stat()
         except OSError:
             return None
-        return found.st_dev, found.st_ino
-
-    def _forget_deleted_sessions(self) -> None:
-        """Keep out of the journal who withdrew while it could not be written."""
-        if self.journal.waiting:
-            self.journal.keep_waiting_of(self.storage.session_keys())
+        return ((found.st_dev, found.st_ino), found.st_size) if found.st_size else None
 
     async def _call(self, work: Callable[[], T]) -> T:
         """Do something with the database: one thing after another, off the event loop."""
@@ -454,6 +494,7 @@ class LiveExperiment:
                 result = work()
             except StoreError as error:
                 self.storage_failures.add(str(error))
+                self._is_away |= isinstance(error, TakenAwayError)
                 raise
             self.storage_failures.end()
             return result
@@ -474,15 +515,15 @@ class _Visits:
     """How often each address opened a session in the last hour."""
 
     def __init__(self, most: int) -> None:
-        self._most = most
+        self.most = most
         self._times: OrderedDict[str, deque[float]] = OrderedDict()
 
     def allowed(self, address: str, now: float) -> bool:
-        times = self._times.setdefault(address, deque(maxlen=self._most))
+        times = self._times.setdefault(address, deque(maxlen=self.most))
         self._times.move_to_end(address)
         if len(self._times) > _REMEMBERED:
             self._times.popitem(last=False)
-        if len(times) == self._most and 0.0 <= now - times[0] < _HOUR:
+        if len(times) == self.most and 0.0 <= now - times[0] < _HOUR:
             return False
         times.append(now)
         return True

@@ -22,6 +22,7 @@ from pourcast.experiment.server.app import create_app
 from pourcast.experiment.server.connections import (
     ENDING_SECONDS,
     LimitedConnection,
+    most_connections,
     raise_file_limit,
 )
 from pourcast.experiment.server.live_experiment import LiveExperiment
@@ -31,7 +32,7 @@ from pourcast.progress import Report, no_report
 
 LOCK = "experiment.lock"
 
-_BACKLOG = 2048
+_LARGEST_BACKLOG = 2048
 
 _LONGEST_END = int(2 * ENDING_SECONDS) + 1
 """After so long what is not answered is broken off, when the server ends [s]."""
@@ -181,6 +182,8 @@ def lock_study(study: Path) -> FileLock:
         lock.acquire(blocking=False)
     except Timeout:
         raise StoreError(f"{study}: is being served already; end that server first") from None
+    except OSError as error:
+        raise StoreError(f"{study}: cannot be written ({error.strerror or error})") from None
     return lock
 
 
@@ -201,30 +204,43 @@ def serve(app: Starlette, address: Address, ready: Callable[[str], None]) -> Non
     StoreError
         If the port is taken.
     """
+    raise_file_limit()
+    backlog = min(_LARGEST_BACKLOG, most_connections() // 4)
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     with socket.socket(family) as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((address.host, address.port))
             # Whoever comes before the server is ready waits, and is not turned away.
-            listener.listen(_BACKLOG)
+            listener.listen(backlog)
         except OSError as error:
             raise StoreError(
                 f"{address.host}:{address.port}: {error.strerror}; choose another with --port"
             ) from None
-        raise_file_limit()
-        server = web_server(app, address.proxies)
+        server = web_server(app, address.proxies, backlog)
         with _ended_by_signals(server):
             ready(address.base(listener.getsockname()[1]))
             server.run(sockets=[listener])
 
 
-def web_server(app: ASGIApp, proxies: Proxies) -> uvicorn.Server:
-    """A server of an application that leaves signals alone; its connections have time limits."""
+def web_server(app: ASGIApp, proxies: Proxies, backlog: int) -> uvicorn.Server:
+    """A server of an application that leaves signals alone; its connections have time limits.
+
+    Parameters
+    ----------
+    app
+        The application.
+    proxies
+        Who is believed where requests come from.
+    backlog
+        How many connections wait to be taken. All of them can be taken at once, before any that is
+        too much is closed: there must be files for them.
+    """
     config = uvicorn.Config(
         _EndsQuietly(ForwardedAddress(app, proxies)),
         http=LimitedConnection,
         ws="none",
+        backlog=backlog,
         log_level="warning",
         access_log=False,
         server_header=False,

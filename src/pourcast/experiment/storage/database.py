@@ -20,6 +20,9 @@ _NETWORK_FILE_SYSTEMS = frozenset(
 )  # fmt: skip
 """File systems on which SQLite's write-ahead log is not safe."""
 
+BUSY_TIMEOUT = 10_000
+"""So long SQLite waits for others who use the database [ms]."""
+
 
 def database_url(text: str) -> sa.URL:
     """A database's URL, checked.
@@ -85,7 +88,9 @@ def file_engine(file: DatabaseFile) -> sa.Engine:
 
 def connection_engine(connection: sqlite3.Connection) -> sa.Engine:
     """An engine over one connection to SQLite that is open already."""
-    engine = sa.create_engine("sqlite://", creator=lambda: connection, poolclass=sa.StaticPool)
+    engine = sa.create_engine(
+        "sqlite://", creator=lambda: connection, poolclass=sa.StaticPool, hide_parameters=True
+    )
     sa.event.listen(engine, "begin", _begin)
     return engine
 
@@ -152,7 +157,7 @@ def _set_sqlite_pragmas(connection: Any) -> None:
     connection.isolation_level = None  # transactions begin by `_begin`
     cursor = connection.cursor()
     for pragma in (
-        "busy_timeout = 10000",
+        f"busy_timeout = {BUSY_TIMEOUT}",
         "journal_mode = WAL",
         "synchronous = FULL",
         "foreign_keys = ON",

@@ -3,17 +3,21 @@
 import os
 import shutil
 import sqlite3
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from pourcast.errors import StoreError
-from pourcast.files import replacing
+from pourcast.files import create_private, replacing
 
 _PUT_BACK = (
     "nothing is saved until the file is put back, or the server is ended and started with the file "
     "where it was"
 )
+
+
+class TakenAwayError(StoreError):
+    """The database is not where it was; all is well again once it is back."""
 
 
 class DatabaseFile:
@@ -37,8 +41,7 @@ class DatabaseFile:
         self.path = path
         try:
             # One that is there is not opened: to close it would take SQLite's locks off it.
-            with suppress(FileExistsError):
-                os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600))
+            create_private(path)
             self._identity = _identity(os.stat(path))
         except OSError as error:
             raise StoreError(f"{path}: cannot be opened ({error.strerror or error})") from None
@@ -59,29 +62,29 @@ class DatabaseFile:
 
         Raises
         ------
-        StoreError
+        TakenAwayError
             If it doesn't; says why, and what to do.
         """
         try:
             found = os.stat(self.path)
         except OSError as error:
-            raise StoreError(
+            raise TakenAwayError(
                 f"{self.path}: was deleted or moved while it was open "
                 f"({error.strerror or error}); {_PUT_BACK}"
             ) from None
         if _identity(found) != self._identity:
-            raise StoreError(
+            raise TakenAwayError(
                 f"{self.path}: was replaced by another file while it was open; {_PUT_BACK}"
             )
         if not os.access(self.path, os.W_OK):
-            raise StoreError(
+            raise TakenAwayError(
                 f"{self.path}: was made read-only while it was open; nothing is saved until it can "
                 "be written"
             )
         # Once it was away, one of its name may be another program's: only a new start can tell.
         self._lost_log |= is_open and not Path(f"{self.path}-wal").exists()
         if self._lost_log:
-            raise StoreError(
+            raise TakenAwayError(
                 f"{self.path}: its write-ahead log {self.path.name}-wal was deleted while it was "
                 "open; nothing is saved until the server is ended (Ctrl-C: it writes what the log "
                 "held) and started again"

@@ -9,7 +9,7 @@ the next start (`Journal.catch_up`). The journal alone is enough to make the dat
 
 import json
 import os
-from collections.abc import Collection, Hashable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,15 @@ from filelock import FileLock, Timeout
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.storage.failures import LOGGER, Failures
 from pourcast.experiment.storage.record_lines import (
+    FORMAT,
     JOURNAL_FORMAT,
     Line,
     dumps,
     is_line,
     line_names,
+    names_of,
 )
-from pourcast.files import PRIVATE, keep_private, replacing
+from pourcast.files import PRIVATE, keep_private, left_behind, replacing
 
 NAME = "responses.jsonl"
 
@@ -40,10 +42,14 @@ class Journal:
     ----------
     path
         The file; made when the first line comes.
+    sessions
+        Says the keys of the sessions that there are. It is asked whenever lines are appended, while
+        nobody else changes the file: lines of who withdrew in the meantime are left out.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, sessions: Callable[[], Collection[str]] | None = None) -> None:
         self.path = path
+        self._sessions = sessions
         self.failures = Failures("new records are in the database alone until it can be")
         self._lock = FileLock(path.with_suffix(".lock"), mode=PRIVATE)
         self._waiting: list[Line] = []
@@ -51,9 +57,11 @@ class Journal:
         keep_private(path.with_suffix(".lock"))
 
     @classmethod
-    def of_study(cls, study: Path) -> "Journal":
+    def of_study(
+        cls, study: Path, sessions: Callable[[], Collection[str]] | None = None
+    ) -> "Journal":
         """The journal of a study."""
-        return cls(study / NAME)
+        return cls(study / NAME, sessions)
 
     @property
     def waiting(self) -> int:
@@ -76,6 +84,8 @@ class Journal:
             return
         try:
             with self._lock.acquire(timeout=_LONGEST_WAIT):
+                if self._sessions is not None:
+                    self.keep_waiting_of(self._sessions())
                 _append(self.path, _encoded(self._waiting))
         except OSError as error:
             self.failures.add(f"{self.path}: cannot be written ({error.strerror or error})")
@@ -126,9 +136,7 @@ class Journal:
         StoreError
             If the file can't be read.
         """
-        there: set[Hashable] = set()
-        for line in self.lines():
-            there |= line_names(line)
+        there = names_of(self.lines())
         return [line for line in lines if not line_names(line) <= there]
 
     def catch_up(self, lines: Iterable[Line]) -> int:
@@ -153,7 +161,7 @@ class Journal:
                 damaged,
             )
         missing = self.missing(lines)
-        waiting = {name for line in self._waiting for name in line_names(line)}
+        waiting = names_of(self._waiting)
         self.append(line for line in missing if not line_names(line) <= waiting)
         return len(missing)
 
@@ -200,8 +208,11 @@ class Journal:
 
     def rewrite(self, content: bytes) -> None:
         """Put something else in the place of the file, all of it or nothing."""
-        with self._lock, replacing(self.path, private=True) as temporary:
-            temporary.write_bytes(content)
+        with self._lock:
+            for old in left_behind(self.path):  # whoever wrote it was killed: we have the lock
+                old.unlink(missing_ok=True)
+            with replacing(self.path, private=True) as temporary:
+                temporary.write_bytes(content)
 
     @contextmanager
     def _locked_if_possible(self) -> Iterator[None]:
@@ -231,6 +242,24 @@ def journal_words(path: Path) -> dict[str, str]:
     return {}
 
 
+def how_to_restore(study: Path) -> str:
+    """What to do where the database is not there but its journal is; empty if that isn't either.
+
+    Raises
+    ------
+    StoreError
+        If the journal can't be read.
+    """
+    journal = study / NAME
+    sessions = sum(line.get("format") == FORMAT for line in Journal(journal).lines())
+    if not sessions:
+        return ""
+    return (
+        f"{journal} has its {sessions} sessions: restore them by `pourcast experiment data {study} "
+        f"--import {journal}`, or start the server, which does so"
+    )
+
+
 def _append(path: Path, lines: bytes) -> None:
     """Append all of it, or nothing."""
     handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, PRIVATE)
@@ -243,6 +272,7 @@ def _append(path: Path, lines: bytes) -> None:
         try:
             if os.write(handle, lines) < len(lines):
                 raise OSError("disk full")
+            os.fsync(handle)
         except OSError:
             os.ftruncate(handle, size)
             raise

@@ -4,24 +4,19 @@ import json
 import re
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 MAX_BODY = 65536
 """Bytes of the largest request."""
+
+_UNSTORABLE = re.compile("[\ud800-\udfff\x00]")
+"""Halves of characters, and NUL: no database takes them, nor does a text file."""
 
 _Seconds = Annotated[float, Field(ge=0.0, le=1e7, allow_inf_nan=False)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 _Count = Annotated[int, Field(ge=0, le=10**7)]
 _Pixels = Annotated[float, Field(ge=0.0, le=1e5, allow_inf_nan=False)]
-
-
-def _whole_characters(value: Any) -> Any:
-    """A text without halves of characters, which browsers send and nobody can store."""
-    return re.sub("[\ud800-\udfff]", "\ufffd", value) if isinstance(value, str) else value
-
-
-_Text = Annotated[str, BeforeValidator(_whole_characters)]
-_Word = Annotated[_Text, Field(max_length=200)]
+_Word = Annotated[str, Field(max_length=200)]
 
 
 class _Body(BaseModel):
@@ -46,6 +41,9 @@ class Judgment(_Body):
     moves: _Count
     input: Literal["mouse", "touch", "keyboard", "none"]
     trajectory: list[tuple[_Seconds, _Share]] | None = Field(default=None, max_length=2000)
+    picture_width: _Pixels | None = None
+    picture_height: _Pixels | None = None
+    pixel_ratio: _Pixels | None = None
 
 
 class Film(_Body):
@@ -77,7 +75,7 @@ class Instructions(_Body):
 class Debrief(_Body):
     """What a participant has to say."""
 
-    remarks: _Text = Field(default="", max_length=5000)
+    remarks: str = Field(default="", max_length=5000)
 
 
 class Plain(_Body):
@@ -96,6 +94,22 @@ BODIES: dict[str, type[_Body]] = {
 """What a record says, by the kind of its step."""
 
 
+_LATER = {"picture_width", "picture_height", "pixel_ratio"}
+"""What records of earlier releases lack. Without a value it is left out, so that such a record is
+the same however often it comes in."""
+
+
+def storable(value: Any) -> Any:
+    """Something of JSON's types, with U+FFFD for what no database and no text file takes."""
+    if isinstance(value, str):
+        return _UNSTORABLE.sub("\N{REPLACEMENT CHARACTER}", value)
+    if isinstance(value, list):
+        return [storable(item) for item in value]
+    if isinstance(value, dict):
+        return {storable(name): storable(item) for name, item in value.items()}
+    return value
+
+
 def canonical(kind: str, content: Any) -> str:
     """A record's body, checked, as the JSON that is stored: the same for the same content.
 
@@ -104,5 +118,6 @@ def canonical(kind: str, content: Any) -> str:
     pydantic.ValidationError
         If it is not what such a step's record says.
     """
-    body = BODIES[kind].model_validate(content).model_dump(mode="json")
+    body = BODIES[kind].model_validate(storable(content)).model_dump(mode="json")
+    body = {name: value for name, value in body.items() if value is not None or name not in _LATER}
     return json.dumps(body, sort_keys=True, separators=(",", ":"), ensure_ascii=True)

@@ -15,12 +15,12 @@ of its own. So it is as confidential as the database.
 """
 
 import json
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Any
 
 from pourcast.experiment.design.steps import Step
 from pourcast.experiment.storage.records import Record
-from pourcast.experiment.storage.sessions import Session, plan_content
+from pourcast.experiment.storage.sessions import OPEN, Session, plan_content
 
 FORMAT = "pourcast-records"
 """What an opening line calls its format."""
@@ -29,6 +29,9 @@ JOURNAL_FORMAT = "pourcast-journal"
 """What the first line of a journal calls its format."""
 
 SCHEMA_VERSION = 2
+
+CHANGES = ("token", "tab", "browser", "state")
+"""What a journal's line says that tells what became of a session."""
 
 Line = Mapping[str, Any]
 
@@ -81,6 +84,11 @@ def tab_line(key: str, tab: str) -> Line:
     return {"session": key, "tab": tab}
 
 
+def browser_line(key: str, request: str) -> Line:
+    """A browser that went on with a session while another one was at it."""
+    return {"session": key, "browser": request}
+
+
 def state_line(key: str, state: str) -> Line:
     """How a session ended."""
     return {"session": key, "state": state}
@@ -92,21 +100,42 @@ def line_names(line: Line) -> set[Hashable]:
     if line.get("format") == JOURNAL_FORMAT:
         return {("words", line.get("secret"), line.get("admin"))}
     if line.get("format") == FORMAT:
-        return {(key, "opening"), *((key, "token", token) for token in line.get("tokens", ()))}
+        tokens = line.get("tokens", ())
+        return {(key, "opening", ""), *((key, "token", str(token)) for token in tokens)}
     if "seq" in line:
         body = json.dumps(line.get("body"), sort_keys=True) if line.get("aside") else ""
-        return {(key, line["seq"], body)}
-    return {(key, name, line[name]) for name in ("token", "tab", "state") if name in line}
+        return {(key, str(line["seq"]), body)}
+    return {(key, name, str(line[name])) for name in CHANGES if name in line}
+
+
+def names_of(lines: Iterable[Line]) -> set[Hashable]:
+    """What all of some lines say; a state counts until the next."""
+    names: set[Hashable] = set()
+    states = {}
+    for line in lines:
+        if "state" in line:
+            states[line.get("session")] = line
+        elif line.get("format") == FORMAT:
+            states.setdefault(line.get("session"), state_line(line["session"], OPEN))
+        if "state" not in line:
+            names |= line_names(line)
+    return names.union(*map(line_names, states.values()))
 
 
 def is_line(content: object) -> bool:
-    """Whether something is a line of this form."""
+    """Whether something is a line of this form, as far as what tells it from others goes."""
     if not isinstance(content, dict):
         return False
     if content.get("format") == JOURNAL_FORMAT:
         return True
-    whole = content.keys() & {"seq", "token", "tab", "state"} or content.get("format") == FORMAT
-    return isinstance(content.get("session"), str) and bool(whole)
+    if not isinstance(content.get("session"), str):
+        return False
+    if content.get("format") == FORMAT:
+        return isinstance(content.get("tokens", []), list)
+    if "seq" in content:
+        return isinstance(content["seq"], int)
+    changes = [content[name] for name in CHANGES if name in content]
+    return bool(changes) and all(isinstance(change, str) for change in changes)
 
 
 def dumps(line: Line) -> str:

@@ -28,6 +28,9 @@ DECLINED_LATER = "declined_later"
 RECRUITED = ("lab", "prolific", "mturk")
 """Entries whose sessions are the study's; `preview` and `simulation` are not."""
 
+UNKNOWN = "unknown"
+"""Entry of a session that was run elsewhere, and whose opening line was lost."""
+
 
 @dataclass(frozen=True)
 class Session:
@@ -45,7 +48,7 @@ class Session:
     participant
         Code of the participant, the same for the same platform id.
     entry
-        How they came: one of `RECRUITED`, `preview` or `simulation`.
+        How they came: one of `RECRUITED`, `preview`, `simulation`, `jatos`, `static` or `UNKNOWN`.
     identifiers
         The recruiting platform's ids.
     group, place
@@ -91,8 +94,6 @@ class Arrival:
         As in `Session`.
     participant
         Code of the participant; empty for a new one.
-    key
-        Of a session that was run elsewhere, its name there; empty for a new one.
     """
 
     request: str
@@ -100,7 +101,6 @@ class Arrival:
     identifiers: Mapping[str, str]
     tab: str
     participant: str = ""
-    key: str = ""
 
 
 class Refusal(Exception):  # noqa: N818 - nothing went wrong
@@ -267,7 +267,7 @@ def insert_session(
     """A new session in a given group and place; returns its number."""
     result = connection.execute(
         SESSIONS.insert().values(
-            key=arrival.key or secrets.token_hex(16),
+            key=secrets.token_hex(16),
             request=arrival.request,
             participant=arrival.participant
             or _unused(connection, SESSIONS.c.participant, lambda: _new_code(arrival.entry)),

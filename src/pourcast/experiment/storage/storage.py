@@ -8,12 +8,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import sqlalchemy as sa
 
 from pourcast.errors import InputError, StoreError
-from pourcast.experiment.design.steps import Schedule, Step
+from pourcast.experiment.design.steps import Schedule
 from pourcast.experiment.storage.database import (
+    BUSY_TIMEOUT,
     connection_engine,
     database_files,
     database_url,
@@ -33,10 +35,11 @@ from pourcast.experiment.storage.database_file import (
 from pourcast.experiment.storage.endings import Ending, finish_session
 from pourcast.experiment.storage.failures import LOGGER
 from pourcast.experiment.storage.journal import NAME as JOURNAL
-from pourcast.experiment.storage.journal import journal_words
+from pourcast.experiment.storage.journal import how_to_restore, journal_words
 from pourcast.experiment.storage.migrations import make_tables, migrate, schema_version
 from pourcast.experiment.storage.record_lines import (
     Line,
+    browser_line,
     head_line,
     opening_line,
     record_line,
@@ -50,6 +53,11 @@ from pourcast.experiment.storage.records import (
     all_records,
     save_records,
     saved_steps,
+)
+from pourcast.experiment.storage.restoration import (
+    identify_session,
+    restore_session,
+    restore_tokens,
 )
 from pourcast.experiment.storage.schema import (
     BROWSERS,
@@ -73,22 +81,21 @@ from pourcast.experiment.storage.sessions import (
     claim_session,
     drop_stale_sessions,
     end_session,
-    insert_session,
     reopen_session,
     session_by_key,
     session_by_number,
-    session_by_request,
     session_by_token,
     session_to_resume,
     wait_anew,
 )
 from pourcast.experiment.storage.visits import (
+    all_browsers,
     browsers_at_once,
     count_refusal,
     note_browser,
     refusals,
 )
-from pourcast.experiment.storage.words import NAMES, kept_words, made_words
+from pourcast.experiment.storage.words import NAMES, kept_words, made_words, set_words
 from pourcast.files import keep_private
 from pourcast.study.folder import DATABASE, study_scenes
 
@@ -320,22 +327,35 @@ class Storage:
             assert session is not None
             return session, token, is_new
 
-    def insert(
-        self,
-        arrival: Arrival,
-        group: int,
-        place: int,
-        steps: Sequence[Step],
-        now: float,
+    def restore(
+        self, session: Session, tokens: Iterable[str] = (), browsers: Iterable[str] = ()
     ) -> Session:
-        """A session that was run elsewhere, in its group and place; the same request, the same."""
+        """A session that was run elsewhere, or that a lost database had, with its tokens' digests.
+
+        It keeps its number if nobody has it. `browsers` are those that took turns with it.
+        """
         with self._writing() as connection:
-            session = session_by_request(connection, arrival.request)
-            if session is None:
-                number = insert_session(connection, arrival, group, place, steps, now)
-                session = session_by_number(connection, number)
-            assert session is not None
-            return session
+            number = restore_session(connection, session, tokens, browsers)
+            restored = session_by_number(connection, number)
+            assert restored is not None
+            return restored
+
+    def identify(self, session: Session) -> None:
+        """Say who a session is that was restored when nobody could tell: its key tells which."""
+        with self._writing() as connection:
+            identify_session(connection, session)
+
+    def add_tokens(self, session: int, digests: Iterable[str]) -> None:
+        """Let the holders of tokens write to a session, if they can't yet."""
+        with self._writing() as connection:
+            restore_tokens(connection, session, digests)
+
+    def take_words(self, words: Mapping[str, Any]) -> None:
+        """Take over the secrets of a database that was lost, if nobody has begun in this one."""
+        with self._writing() as connection:
+            if not all_sessions(connection):
+                set_words(connection, words)
+                self.words = kept_words(connection)
 
     def session_of(self, token: str) -> Session | None:
         """Session that a token belongs to, if any."""
@@ -405,10 +425,16 @@ class Storage:
         with self._reading() as connection:
             return all_sessions(connection)
 
-    def session_keys(self) -> set[str]:
-        """Keys of all sessions."""
+    def browsers(self) -> list[tuple[int, str]]:
+        """Sessions and the further browsers that took turns with them."""
         with self._reading() as connection:
-            return set(connection.scalars(sa.select(SESSIONS.c.key)))
+            return all_browsers(connection)
+
+    def states(self) -> dict[str, str]:
+        """The states of all sessions, by key."""
+        with self._reading() as connection:
+            rows = connection.execute(sa.select(SESSIONS.c.key, SESSIONS.c.state))
+            return {row.key: row.state for row in rows}
 
     # Records -------------------------------------------------------------------------
 
@@ -443,18 +469,18 @@ class Storage:
         with self._reading() as connection:
             sessions = {one.number: one for one in all_sessions(connection)}
             records, conflicts = all_records(connection), all_conflicts(connection)
-            tokens = all_tokens(connection)
+            tokens, browsers = all_tokens(connection), all_browsers(connection)
         return [
             head_line(self.words),
             *(opening_line(one) for one in sessions.values()),
             *(token_line(sessions[number].key, digest) for number, digest in tokens),
             *(record_line(sessions[one.session], one) for one in records),
             *(record_line(sessions[one.session], one, aside=True) for one in conflicts),
-            # Who was dropped is told by when they were last heard of.
+            *(browser_line(sessions[number].key, browser) for number, browser in browsers),
             *(
                 state_line(one.key, one.state)
                 for one in sessions.values()
-                if one.state not in (OPEN, DROPPED)
+                if one.state != OPEN  # as its opening line has it
             ),
         ]
 
@@ -491,6 +517,9 @@ class Storage:
         numbers = list(sessions)
         deleted = {}
         with self._writing() as connection:
+            # Whoever saves a record of one now is waited for; those who come later find none.
+            rows = sa.select(SESSIONS.c.id).where(SESSIONS.c.id.in_(numbers))
+            connection.execute(rows.order_by(SESSIONS.c.id).with_for_update())
             for table, column in (
                 (RECORDS, RECORDS.c.session),
                 (CONFLICTS, CONFLICTS.c.session),
@@ -502,11 +531,20 @@ class Storage:
                 deleted[table.name] = result.rowcount
         return deleted
 
-    def forget_log(self) -> None:
-        """Take out of SQLite's write-ahead log what was deleted, as far as nobody reads it now."""
-        if self._file is not None:
-            with self._alone() as connection:
-                connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)")
+    def forget_log(self) -> bool:
+        """Take out of SQLite's write-ahead log what was deleted; whether it could be done.
+
+        It is not waited for whoever reads at the moment.
+        """
+        if self._file is None:
+            return True
+        with self._alone() as connection:
+            connection.exec_driver_sql("PRAGMA busy_timeout = 0")
+            try:
+                busy = connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)").one()[0]
+            finally:
+                connection.exec_driver_sql(f"PRAGMA busy_timeout = {BUSY_TIMEOUT}")
+            return not busy
 
     def write_anew(self) -> None:
         """Write the database's files anew, so that nothing deleted stays in them.
@@ -530,7 +568,7 @@ class Storage:
 
     @contextmanager
     def _alone(self) -> Iterator[sa.Connection]:
-        """A connection without a transaction, for what is done in none."""
+        """A connection for what can be done in no transaction."""
         try:
             with self.engine.connect().execution_options(
                 isolation_level="AUTOCOMMIT"
@@ -562,7 +600,8 @@ def study_storage(study: Path, url: str | None, *, must_exist: bool = True) -> I
     """
     study_scenes(study)
     if must_exist and url is None and not (study / DATABASE).is_file():
-        raise InputError(f"{study / DATABASE}: not there; nobody has taken part yet")
+        todo = how_to_restore(study) or "nobody has taken part yet"
+        raise InputError(f"{study / DATABASE}: not there; {todo}")
     storage = Storage.of_study(study, url)
     try:
         yield storage

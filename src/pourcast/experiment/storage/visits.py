@@ -34,6 +34,11 @@ def note_browser(connection: sa.Connection, session: Session, request: str, now:
         connection.execute(BROWSERS.insert().values(session=session.number, request=request))
 
 
+def all_browsers(connection: sa.Connection) -> list[tuple[int, str]]:
+    """Sessions and the further browsers that took turns with them."""
+    return [(row.session, row.request) for row in connection.execute(sa.select(BROWSERS))]
+
+
 def browsers_at_once(connection: sa.Connection) -> dict[int, int]:
     """How many browsers took turns with a session, by its number; only where there were several."""
     counted = sa.select(BROWSERS.c.session, sa.func.count()).group_by(BROWSERS.c.session)

@@ -6,10 +6,12 @@ import { initJsPsych, type JsPsych } from "jspsych";
 
 import { pause, waits } from "./backoff";
 import { makeWord } from "./draws";
+import { pressOnce } from "./keys";
 import { Media } from "./media";
 import { recall, remember } from "./memory";
 import { Unreachable } from "./network";
 import { Outbox } from "./outbox";
+import { leaveFullScreen } from "./screen";
 import { Sender } from "./sender";
 import { Tabs } from "./tabs";
 import { Timeline } from "./timeline";
@@ -228,6 +230,7 @@ class Study {
       const mode = this.link["mode"] === "visual" ? "visual" : "data-only";
       await jsPsych.simulate(timeline, mode, {});
     } else await jsPsych.run(timeline);
+    await leaveFullScreen();
     if (this.fault) throw this.fault;
     if (this.ended === "moved") this.sayMoved(session);
     else await this.finish(session, this.ended ?? "complete");
@@ -386,6 +389,7 @@ async function main(): Promise<void> {
   // start.ts has said that this browser is too old.
   if (!("replaceChildren" in page)) return;
   show(`<p>${escaped(words.reaching)}</p>`);
+  document.addEventListener("keydown", pressOnce, true);
   try {
     const given = [...new URLSearchParams(location.search)];
     const link = Object.fromEntries(given.filter(([name]) => PARAMETERS.has(name)));

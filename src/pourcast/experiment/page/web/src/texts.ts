@@ -30,9 +30,9 @@ export interface Texts {
   page: { title: string; continue: string; back: string; loading: string; loading_slow: string; loading_missing: string; saving: string };
   consent: Titled & { contact: string; agree: string; agree_button: string; decline_button: string };
   check: Titled & { too_small: string; again: string; leave: string };
-  fullscreen: Buttoned;
+  fullscreen: Buttoned & { left: string; refused: string; without: string };
   instructions: { title: string; end: { answer: string; practice: string; test: string; test_alone: string } };
-  quiz: Buttoned & { wrong: string };
+  quiz: Buttoned & { wrong: string; again: string };
   goal: GoalTexts;
   /** Liquids that are shown, by what they are called. */
   liquids: { [liquid: string]: { name: string; description: string } };
@@ -44,7 +44,7 @@ export interface Texts {
     set: string;
     button: string;
   };
-  film: { title: string; picture: string; unplayable: string };
+  film: { title: string; picture: string; unplayable: string; blocked: string; play: string };
   practice_end: Buttoned;
   break: Buttoned;
   debrief: Buttoned & { label: string };

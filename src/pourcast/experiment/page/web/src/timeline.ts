@@ -1,7 +1,6 @@
 /** From a session's steps to jsPsych's timeline. */
 import browserCheck from "@jspsych/plugin-browser-check";
 import callFunction from "@jspsych/plugin-call-function";
-import fullscreen from "@jspsych/plugin-fullscreen";
 import buttons from "@jspsych/plugin-html-button-response";
 import type { JsPsych } from "jspsych";
 
@@ -9,9 +8,11 @@ import type { Media } from "./media";
 import film from "./plugins/film";
 import form from "./plugins/form";
 import slider from "./plugins/slider";
+import { canFill, fillScreen, isFull } from "./screen";
+import type { Question } from "./texts";
 import type { Body, End, Session, Step } from "./types";
 import { Watch } from "./watch";
-import { escaped, fill, pageOf } from "./words";
+import { escaped, fill, pageOf, paragraphs } from "./words";
 
 /** A trial, or trials in a row, as jsPsych describes them. */
 type Node = Exclude<Extract<Parameters<JsPsych["run"]>[0], unknown[]>[number], unknown[]>;
@@ -39,6 +40,11 @@ export interface Surroundings {
 }
 
 export class Timeline {
+  /** What the page that asks for full screen says: it is new, was left, or refused by the browser. */
+  private asking: "body" | "left" | "refused" = "body";
+  /** The participant goes on without full screen, which the browser refused. */
+  private inWindow = false;
+
   constructor(private around: Surroundings) {}
 
   /** All that is still to be done; `resumed` begins with a word of welcome. */
@@ -46,17 +52,10 @@ export class Timeline {
     const { session } = this.around;
     const done = new Set(session.done);
     const steps = session.steps.filter((step) => !done.has(step.seq));
-    // A browser lets nobody but a person fill the screen.
-    const fills = session.fullscreen && !session.simulated;
-    const before = steps.filter((step) => ["consent", "check"].includes(step.kind));
-    const after = steps.filter((step) => !before.includes(step));
     this.preloadNext(steps);
     return [
       ...(resumed ? [this.welcomeBack()] : []),
-      ...before.flatMap((step) => this.step(step)),
-      ...(fills ? [this.fullscreen()] : []),
-      ...after.flatMap((step) => this.step(step)),
-      ...(fills ? [{ type: fullscreen, fullscreen_mode: false, delay_after: 0 }] : []),
+      ...steps.flatMap((step) => this.step(step)),
     ];
   }
 
@@ -84,14 +83,14 @@ export class Timeline {
   }
 
   /**
-   * A page with buttons; the last one has the focus, so that ENTER goes on. `chosen` is told the
-   * number of the button.
+   * A page with buttons. ENTER goes on by the last one, which has the focus, or a notice above it.
+   * `chosen` is told the number of the button; `pressed` hears of the last one as it is pressed.
    */
   private page(
     html: string | (() => string),
     choices: string[],
     chosen: (button: number) => void = () => undefined,
-    extra: { [parameter: string]: unknown } = {},
+    { pressed, ...extra }: { pressed?: () => void; [parameter: string]: unknown } = {},
   ): Node {
     let watch: Watch | undefined;
     const content = typeof html === "string" ? () => html : html;
@@ -102,7 +101,16 @@ export class Timeline {
       on_load: () => {
         watch = new Watch();
         const all = document.querySelectorAll<HTMLElement>("#page button");
-        all[all.length - 1]?.focus();
+        const last = all[all.length - 1];
+        // On the way down to the button: the page goes on as soon as the button itself has heard.
+        last?.parentElement?.addEventListener("click", (event) => event.target === last && pressed?.(), true);
+        const notice = document.querySelector<HTMLElement>("#page .notice");
+        (notice ?? last)?.focus();
+        notice?.addEventListener("keydown", (event) => {
+          if (event.key !== "Enter") return;
+          event.preventDefault(); // The next page's button has the focus before this key's work is done.
+          if (!event.repeat) last?.click();
+        });
       },
       on_finish: (data: Found) => {
         Object.assign(data, watch?.stop(), { rt: (data.rt ?? 0) / 1000 });
@@ -143,15 +151,61 @@ export class Timeline {
     });
   }
 
+  /** What steps with pictures need: full screen, and room. Asked for again when it is gone. */
+  private screen(tried: () => void = () => undefined): Node[] {
+    const { session } = this.around;
+    // A browser lets nobody but a person fill the screen.
+    const fills = session.fullscreen && !session.simulated && canFill();
+    return [...(fills ? [this.fullscreen()] : []), this.room(tried)];
+  }
+
   private fullscreen(): Node {
     const texts = this.texts.fullscreen;
-    return {
-      type: fullscreen,
-      message: `<div class="text">${pageOf(texts.title, texts.body)}</div>`,
-      button_label: escaped(texts.button),
-      delay_after: 300,
-      on_load: () => document.querySelector<HTMLElement>("#jspsych-fullscreen-btn")?.focus(),
+    let filled = Promise.resolve();
+    const page = this.page(
+      () => pageOf(texts.title, texts[this.asking]),
+      [],
+      (chosen) => (this.inWindow = this.asking === "refused" && chosen === 0),
+      {
+        choices: () => (this.asking === "refused" ? [texts.without, texts.button] : [texts.button]).map(escaped),
+        // In the press itself: a moment later a browser may refuse.
+        pressed: () => void (filled = fillScreen()),
+      },
+    );
+    const wanted = () => !this.inWindow && !isFull();
+    const wait: Node = {
+      type: callFunction,
+      async: true,
+      func: (done: () => void) =>
+        void filled.then(() => {
+          this.asking = isFull() ? "left" : "refused";
+          done();
+        }),
     };
+    return { timeline: [page, wait], conditional_function: wanted, loop_function: wanted };
+  }
+
+  /** A window that the picture fits in. */
+  private room(tried: () => void): Node {
+    const { session } = this.around;
+    const texts = this.texts.check;
+    const small = () =>
+      window.innerWidth < session.minimum_width || window.innerHeight < session.minimum_height;
+    const tooSmall = () =>
+      pageOf(
+        texts.title,
+        fill(texts.too_small, {
+          width: window.innerWidth,
+          height: window.innerHeight,
+          need_width: session.minimum_width,
+          need_height: session.minimum_height,
+        }),
+      );
+    const page = this.page(tooSmall, [texts.leave, texts.again], (chosen) => {
+      tried();
+      if (chosen === 0) this.around.stop("screened_out");
+    });
+    return { timeline: [page], conditional_function: small, loop_function: small };
   }
 
   private consent(step: Step): Node[] {
@@ -171,27 +225,10 @@ export class Timeline {
   }
 
   private check(step: Step): Node[] {
-    const { session } = this.around;
-    const texts = this.texts.check;
     let tries = 1;
     let found: { browser?: string; browser_version?: string; os?: string; mobile?: boolean; vsync_rate?: number } = {};
-    const small = () =>
-      window.innerWidth < session.minimum_width || window.innerHeight < session.minimum_height;
-    const tooSmall = () =>
-      pageOf(
-        texts.title,
-        fill(texts.too_small, {
-          width: window.innerWidth,
-          height: window.innerHeight,
-          need_width: session.minimum_width,
-          need_height: session.minimum_height,
-        }),
-      );
-    const page = this.page(tooSmall, [texts.leave, texts.again], (chosen) => {
-      tries += 1;
-      if (chosen === 0) this.around.stop("screened_out");
-    });
     return [
+      ...this.screen(() => (tries += 1)),
       {
         type: browserCheck,
         skip_features: ["webaudio", "webcam", "microphone"],
@@ -199,11 +236,6 @@ export class Timeline {
         allow_window_resize: false,
         simulation_options: { simulate: false },
         on_finish: (data: typeof found) => (found = { ...data }),
-      },
-      {
-        timeline: [page],
-        conditional_function: small,
-        loop_function: small,
       },
       this.keep(step, () => ({
         browser: found.browser ?? "",
@@ -225,10 +257,10 @@ export class Timeline {
     const attempts: number[][] = [];
     const began = performance.now();
     let at = 0;
-    let passed = false;
+    let wrong: Question[] = questions;
     const { back, continue: onward } = this.texts.page;
     const reading = this.page(
-      () => pages[at] as string,
+      () => (at || !attempts.length ? "" : this.wrongAnswers(wrong, attempts.length)) + (pages[at] as string),
       [],
       (chosen) => (at += at && chosen === 0 ? -1 : 1),
       {
@@ -239,30 +271,40 @@ export class Timeline {
     const asking: Node = {
       type: form,
       title: quiz.title,
-      body: () => (attempts.length ? quiz.wrong : quiz.body),
+      body: quiz.body,
       questions,
       button: quiz.button,
       on_finish: (data: { choices: number[] }) => {
         attempts.push(data.choices);
-        passed = questions.every((one, k) => data.choices[k] === one.right);
+        wrong = questions.filter((one, k) => data.choices[k] !== one.right);
       },
     };
     return [
+      ...this.screen(),
       {
         timeline: [{ timeline: [reading], loop_function: () => at < pages.length }, asking],
         loop_function: () => {
           at = 0;
-          return !passed && attempts.length < session.comprehension_attempts;
+          return wrong.length > 0 && attempts.length < session.comprehension_attempts;
         },
       },
       this.keep(step, () => ({ attempts, rt: (performance.now() - began) / 1000 })),
       {
         type: callFunction,
         func: () => {
-          if (!passed) this.around.stop("failed_check");
+          if (wrong.length) this.around.stop("failed_check");
         },
       },
     ];
+  }
+
+  /** What stands above the instructions when questions about them were answered wrongly. */
+  private wrongAnswers(wrong: Question[], attempts: number): string {
+    const { quiz } = this.texts;
+    const left = this.around.session.comprehension_attempts - attempts;
+    const asked = wrong.map((one) => `<li>${escaped(one.question)}</li>`).join("");
+    const after = paragraphs(fill(quiz.again, { left }));
+    return `<div class="notice" role="alert" tabindex="-1">${paragraphs(quiz.wrong)}<ul>${asked}</ul>${after}</div>`;
   }
 
   private instructionPages(): string[] {
@@ -338,6 +380,7 @@ export class Timeline {
     };
     const answer = session.simulated?.[String(step.seq)];
     return [
+      ...this.screen(),
       this.fetched(() => step.still as string, (found) => (url = found)),
       {
         type: slider,
@@ -352,6 +395,9 @@ export class Timeline {
       this.keep(step, (last) => ({
         stimulus: step.still,
         response: last.response,
+        picture_width: last.picture_width,
+        picture_height: last.picture_height,
+        pixel_ratio: last.pixel_ratio,
         start: last.start,
         first_move: last.first_move,
         moves: last.moves,
@@ -369,10 +415,13 @@ export class Timeline {
       title: texts.title,
       picture: texts.picture,
       unplayable: texts.unplayable,
+      blocked: texts.blocked,
+      play: texts.play,
       button: this.texts.page.continue,
     };
     let url = "";
     return [
+      ...this.screen(),
       this.fetched(() => step.film as string, (found) => (url = found)),
       { type: film, stimulus: () => url, aspect: session.aspect, words },
       this.keep(step, (last) => ({ stimulus: step.film, played: last.played, stalls: last.stalls })),

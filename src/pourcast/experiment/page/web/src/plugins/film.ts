@@ -12,7 +12,7 @@ const info = {
     stimulus: { type: ParameterType.STRING, default: undefined },
     /** Width of the picture over its height. */
     aspect: { type: ParameterType.FLOAT, default: 2 / 3 },
-    /** The page's words: progress, title, picture, unplayable, button. */
+    /** The page's words: progress, title, picture, unplayable, blocked, play, button. */
     words: { type: ParameterType.COMPLEX, default: undefined },
     /** After so long without a picture the film is given up [ms]. */
     patience: { type: ParameterType.INT, default: 10_000 },
@@ -30,6 +30,9 @@ const info = {
 
 type Info = typeof info;
 
+/** A film that can't be started by so many presses is given up. */
+const MOST_PRESSES = 2;
+
 export default class FilmPlugin implements JsPsychPlugin<Info> {
   static info = info;
 
@@ -44,40 +47,82 @@ export default class FilmPlugin implements JsPsychPlugin<Info> {
         <h1>${word("title")}</h1>
         <video class="still" muted playsinline></video>
         <p class="hint" aria-live="polite"></p>
-        <button class="jspsych-btn" type="button" disabled>${word("button")}</button>
+        <button class="jspsych-btn play" type="button" hidden disabled>${word("play")}</button>
+        <button class="jspsych-btn onward" type="button" disabled>${word("button")}</button>
       </div>`;
-    (display.querySelector(".trial") as HTMLElement).style.setProperty("--aspect", String(trial.aspect));
-    const video = display.querySelector("video") as HTMLVideoElement;
-    const button = display.querySelector("button") as HTMLButtonElement;
+    const find = (css: string) => display.querySelector(css) as HTMLElement;
+    find(".trial").style.setProperty("--aspect", String(trial.aspect));
+    const video = find("video") as HTMLVideoElement;
+    const play = find(".play") as HTMLButtonElement;
+    const button = find(".onward") as HTMLButtonElement;
+    const hint = find(".hint");
     const watch = new Watch();
     const began = performance.now();
     let played = false;
     let stalls = 0;
+    let presses = 0;
     let over = false;
+    let timer: ReturnType<typeof setTimeout> | undefined;
 
+    const offer = (shown: boolean) => {
+      play.hidden = play.disabled = !shown;
+      button.hidden = shown;
+      hint.textContent = shown ? (words["blocked"] ?? "") : "";
+    };
     const end = (how: boolean) => {
       if (over) return;
       over = true;
       played = how;
       clearTimeout(timer);
+      offer(false);
       button.disabled = false;
       button.focus();
-      if (!how) (display.querySelector(".hint") as HTMLElement).textContent = words["unplayable"] ?? "";
+      if (!how) hint.textContent = words["unplayable"] ?? "";
     };
-    let timer = setTimeout(() => end(false), trial.patience);
+    // Pictures are only waited for while they should come.
     const alive = () => {
       clearTimeout(timer);
-      if (!over) timer = setTimeout(() => end(false), trial.patience);
+      if (!over && !document.hidden && play.hidden) timer = setTimeout(() => end(false), trial.patience);
+    };
+    /** The browser has stopped the film, or lets only a person start it: autoplay, low power. */
+    const stopped = () => {
+      if (over || video.ended || document.hidden) return;
+      clearTimeout(timer);
+      offer(true);
+      play.focus();
+    };
+    const start = () => {
+      offer(false);
+      alive();
+      video.play().catch((error: unknown) => {
+        const name = error instanceof DOMException ? error.name : "";
+        if (name === "AbortError" || (name === "NotAllowedError" && presses < MOST_PRESSES)) stopped();
+        else end(false);
+      });
+    };
+    /** A film that nobody can see waits: not all browsers stop it by themselves. */
+    const turned = () => {
+      clearTimeout(timer);
+      if (over) return;
+      if (document.hidden) video.pause();
+      else if (play.hidden) start();
     };
     video.setAttribute("aria-label", words["picture"] ?? "");
     video.muted = true;
     video.addEventListener("timeupdate", alive);
     video.addEventListener("waiting", () => (stalls += 1));
+    video.addEventListener("pause", stopped);
     video.addEventListener("ended", () => end(true));
     video.addEventListener("error", () => end(false));
+    document.addEventListener("visibilitychange", turned);
     video.src = trial.stimulus;
-    video.play().catch(() => end(false));
+    start();
+    play.addEventListener("click", () => {
+      presses += 1;
+      start();
+    });
     button.addEventListener("click", () => {
+      document.removeEventListener("visibilitychange", turned);
       const seen = watch.stop();
       const quality = video.getVideoPlaybackQuality();
       this.jsPsych.finishTrial({
@@ -103,7 +148,7 @@ export default class FilmPlugin implements JsPsychPlugin<Info> {
     }
     const display = this.jsPsych.getDisplayElement();
     this.trial(display, trial);
-    const button = display.querySelector("button") as HTMLButtonElement;
+    const button = display.querySelector(".onward") as HTMLButtonElement;
     const seen = new MutationObserver(() => {
       if (!button.disabled) button.click();
     });

@@ -5,6 +5,7 @@
 import { ParameterType, type JsPsych, type JsPsychPlugin, type TrialType } from "jspsych";
 
 import { drawAnswer } from "../picture";
+import { fitPicture } from "../screen";
 import type { AnswerPicture } from "../types";
 import { WATCHED, Watch } from "../watch";
 import { escaped, fill } from "../words";
@@ -49,6 +50,11 @@ const info = {
     trajectory: { type: ParameterType.COMPLEX },
     /** Time from the picture to the answer [s]. */
     rt: { type: ParameterType.FLOAT },
+    /** Size of the picture when the answer was handed in [points]. */
+    picture_width: { type: ParameterType.FLOAT },
+    picture_height: { type: ParameterType.FLOAT },
+    /** The screen's pixels in a point; page zoom counts. */
+    pixel_ratio: { type: ParameterType.FLOAT },
     ...WATCHED,
   },
 } as const;
@@ -104,6 +110,9 @@ export default class SliderPlugin implements JsPsychPlugin<Info> {
         input: "mouse",
         trajectory: null,
         rt,
+        picture_width: null,
+        picture_height: null,
+        pixel_ratio: null,
         ...new Watch().stop(),
       });
       return;
@@ -141,6 +150,7 @@ class Slider {
   private watch = new Watch();
   private handIn: (data: object) => void = () => undefined;
 
+  private picture: HTMLImageElement;
   private bar: HTMLElement;
   private handle: HTMLElement;
   private shown: HTMLElement;
@@ -167,6 +177,7 @@ class Slider {
         <button class="jspsych-btn" type="button" disabled>${word("button")}</button>
       </div>`;
     const find = (css: string) => display.querySelector(css) as HTMLElement;
+    this.picture = find(".still") as HTMLImageElement;
     this.bar = find(".slider");
     this.handle = find(".handle");
     this.shown = find(".shown");
@@ -175,15 +186,16 @@ class Slider {
     this.bar.setAttribute("aria-label", words["slider"] ?? "");
     find(".trial").style.setProperty("--aspect", String(trial.aspect));
     this.answer = new Promise((resolve) => (this.handIn = resolve));
-    this.ready = this.show(find(".still") as HTMLImageElement);
+    this.ready = this.show();
   }
 
-  private async show(picture: HTMLImageElement): Promise<void> {
-    picture.src = this.trial.stimulus;
-    await picture.decode().catch(() => undefined);
+  private async show(): Promise<void> {
+    this.picture.src = this.trial.stimulus;
+    await this.picture.decode().catch(() => undefined);
     this.start = this.firstPlace();
     if (this.start !== null) this.value = this.start;
     this.draw();
+    fitPicture();
     // The clock starts when the screen shows the picture.
     await new Promise(requestAnimationFrame);
     this.began = performance.now();
@@ -203,6 +215,7 @@ class Slider {
     this.button.addEventListener("click", this.submit);
     document.addEventListener("keydown", this.key);
     window.addEventListener("focus", this.refocus);
+    window.addEventListener("resize", fitPicture);
   }
 
   private refocus = () => this.bar.focus({ preventScroll: true });
@@ -281,6 +294,8 @@ class Slider {
     if (this.value === null) return;
     document.removeEventListener("keydown", this.key);
     window.removeEventListener("focus", this.refocus);
+    window.removeEventListener("resize", fitPicture);
+    const { width, height } = this.picture.getBoundingClientRect();
     this.handIn({
       response: Math.round(1e4 * this.value) / 1e4,
       start: this.start,
@@ -289,6 +304,9 @@ class Slider {
       input: this.input,
       trajectory: this.trial.trajectory ? this.way : null,
       rt: this.seconds(),
+      picture_width: Math.round(10 * width) / 10,
+      picture_height: Math.round(10 * height) / 10,
+      pixel_ratio: Math.round(1e4 * window.devicePixelRatio) / 1e4,
       ...this.watch.stop(),
     });
   };
