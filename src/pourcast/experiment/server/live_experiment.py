@@ -411,7 +411,6 @@ class LiveExperiment:
 
     async def _retry_journal(self) -> None:
         """Try again what the journal could not take, should no more records come."""
-
         while True:
             await asyncio.sleep(self._journal_retry)
             if self.journal.waiting:
