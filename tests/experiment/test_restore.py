@@ -7,11 +7,13 @@ from contextlib import contextmanager
 
 import pandas as pd
 import pytest
+from hypothesis import HealthCheck, given, settings, strategies
 from starlette.testclient import TestClient
 
 from pourcast import cli
+from pourcast.experiment.data.old_journal import is_old_line
 from pourcast.experiment.data.overview import study_overview
-from pourcast.experiment.data.record_import import import_records
+from pourcast.experiment.data.record_import import import_records, restore
 from pourcast.experiment.data.tables import participants_table, trials_table
 from pourcast.experiment.data.withdrawal import withdraw
 from pourcast.experiment.design.links import link_key
@@ -502,3 +504,57 @@ def test_without_its_opening_line_a_session_is_restored_from_its_records(study):
         found[found["session"] == session.number][columns].reset_index(drop=True),
         trials[trials["session"] == first.number][columns].reset_index(drop=True),
     )
+
+
+NAMES = [
+    "format", "session", "seq", "kind", "body", "tokens", "token", "tab", "state", "browser", "steps",
+    "secret", "aside", "received", "number", "group", "place", "identifiers", "x",
+]  # fmt: skip
+
+JSON = strategies.recursive(
+    strategies.none() | strategies.booleans() | strategies.integers() | strategies.text(max_size=9),
+    lambda inner: (
+        strategies.lists(inner, max_size=3)
+        | strategies.dictionaries(
+            strategies.sampled_from(NAMES),
+            inner | strategies.sampled_from(["pourcast-records", "pourcast-journal", "0123456789"]),
+        )
+    ),
+    max_leaves=12,
+)
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(lines=strategies.lists(JSON, min_size=1, max_size=8))
+def test_no_line_whatever_it_says_stops_the_server_or_is_thrown_away(collected, lines):
+    texts = [json.dumps(line) for line in lines]
+    journal = collected / "responses.jsonl"
+    whole = (collected / "whole").read_text()
+    journal.write_text(whole + "\n".join(texts) + "\n")
+    before = everything(collected)["trials"]
+    storage = Storage.of_study(collected)
+    try:
+        restore(storage, Journal.of_study(collected), no_schedule, 5.0)
+        storage.journal_lines()
+    finally:
+        storage.close()
+    left = journal.read_text()
+    lasting = [one for one in texts if not is_old_line(json.loads(one))]
+    assert all(text in left for text in lasting)
+    assert everything(collected)["trials"].startswith(before.rstrip("\n"))
+
+
+def no_schedule(group, place):
+    raise IndexError
+
+
+@pytest.fixture(scope="module")
+def collected(template, tmp_path_factory):
+    """A study with answers, and a copy of its journal."""
+    study = shutil.copytree(template, tmp_path_factory.mktemp("collected") / "study")
+    with server(study) as api:
+        collect(api)
+    shutil.copy(study / "responses.jsonl", study / "whole")
+    return study

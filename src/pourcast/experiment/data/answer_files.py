@@ -24,6 +24,9 @@ _BETWEEN = re.compile(r"[\s,\]\ufeff\x1e]*")
 _NEXT = re.compile(r'\n|\{\s*"(?:format|session|trial_type)"')
 """Where a value may begin again after one that can't be read: the next line, or a line of ours."""
 
+_ESCAPED = re.compile(r"\\u(?:d[89a-f]|0000)", re.IGNORECASE)
+"""What a file has if anything in it may not be storable; most have not, and are read faster."""
+
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -123,6 +126,7 @@ def json_values(name: str, content: bytes, faults: Faults) -> Iterator[tuple[Pla
     What no database can store is replaced by U+FFFD.
     """
     text, decoder = _text(name, content, faults), json.JSONDecoder()
+    clean = storable if _ESCAPED.search(text) else _same
     position, line = 0, 1
     while True:
         between = _BETWEEN.match(text, position)
@@ -137,16 +141,20 @@ def json_values(name: str, content: bytes, faults: Faults) -> Iterator[tuple[Pla
             again = _NEXT.search(text, start + 1)
             position = again.start() if again else len(text)
         else:
-            yield from _items(Place(name, line), value)
+            yield from _items(Place(name, line), clean(value))
         line += text.count("\n", start, position)
 
 
 def _items(place: Place, value: Any) -> Iterator[tuple[Place, Any]]:
     if isinstance(value, list):
         for number, item in enumerate(value, start=1):
-            yield place._replace(item=number), storable(item)
+            yield place._replace(item=number), item
     else:
-        yield place, storable(value)
+        yield place, value
+
+
+def _same(value: Any) -> Any:
+    return value
 
 
 def _text(name: str, content: bytes, faults: Faults) -> str:

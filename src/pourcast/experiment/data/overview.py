@@ -88,7 +88,7 @@ class Overview:
                 "anonymous participant of their own"
             )
         return lines + [
-            f"{self.refusals[reason]} visits were refused, {because}"
+            f"visits that were refused: {self.refusals[reason]}, {because}"
             for reason, because in REFUSED_BECAUSE.items()
             if reason in self.refusals
         ]

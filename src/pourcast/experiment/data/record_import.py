@@ -177,14 +177,13 @@ def import_records(
 def restore(storage: Storage, journal: Journal, schedule: Schedule, now: float) -> ImportSummary:
     """Take in what a study's journal has and its database lacks, such as a new one's all.
 
-    See `import_records`.
+    See `import_records`. What the journal lacks is for `Journal.catch_up`.
     """
     importer = _Importer(storage, schedule, now)
     name = str(journal.path)
     values = list(json_values(name, journal.read(), importer.faults))
     summary = importer.take_in(_lacking(values, storage))
     _renew_old(journal, storage, values, importer.faults.lines(name))
-    journal.catch_up(storage.journal_lines())
     return summary
 
 

@@ -168,8 +168,7 @@ class LiveExperiment:
         self, visitor: Visitor, request: str, tab: str, address: str
     ) -> tuple[Session, str]:
         """Begin a session, or go on with it; see `Storage.begin`."""
-        if not self._visits.allowed(address, self.clock()):
-            raise Refusal("busy")
+        self._limit_visits(address)
         ids = {one for name, one in visitor.identifiers.items() if name in PERSONAL}
         is_platforms = visitor.entry in ("prolific", "mturk")
         if is_platforms and self._allowed_ids is not None and not ids <= self._allowed_ids:
@@ -214,21 +213,31 @@ class LiveExperiment:
         Refusal
             Always.
         """
-        if not self._visits.allowed(address, self.clock()):
-            raise Refusal("busy")
+        self._limit_visits(address)
         await self._count_refusal(UNFILLED, ", ".join(f"{k}={v}" for k, v in found.items()))
         raise Refusal(UNFILLED)
+
+    def _limit_visits(self, address: str) -> None:
+        """Refuse who comes too often; that is not counted, or it would cost what it saves."""
+        if not self._visits.allowed(address, self.clock()):
+            self._tell_refusal(
+                "busy",
+                f"as more than {self._visits.most} visits came from one address within an hour; if "
+                "they are your participants, see --sessions-per-address, and --behind-proxy",
+            )
+            raise Refusal("busy")
 
     async def _count_refusal(self, reason: str, found: str = "") -> None:
         """Count a refusal, and tell of the first one: without ids, which are for no log."""
         await self._call(lambda: self.storage.count_refusal(reason))
+        found = f" (found {found[:100]!r})" if found else ""
+        why = f"{REFUSED_BECAUSE[reason]}{found}; `pourcast experiment status` counts them"
+        self._tell_refusal(reason, why)
+
+    def _tell_refusal(self, reason: str, why: str) -> None:
         if reason not in self._told_refusals:
             self._told_refusals.add(reason)
-            LOGGER.warning(
-                "a visitor was refused, %s%s; `pourcast experiment status` counts them",
-                REFUSED_BECAUSE[reason],
-                f" (found {found[:100]!r})" if found else "",
-            )
+            LOGGER.warning("a visitor was refused, %s", why)
 
     async def resume(self, token: str, tab: str | None) -> Session:
         """Look a session up, and give it to a tab if there is one.
@@ -506,15 +515,15 @@ class _Visits:
     """How often each address opened a session in the last hour."""
 
     def __init__(self, most: int) -> None:
-        self._most = most
+        self.most = most
         self._times: OrderedDict[str, deque[float]] = OrderedDict()
 
     def allowed(self, address: str, now: float) -> bool:
-        times = self._times.setdefault(address, deque(maxlen=self._most))
+        times = self._times.setdefault(address, deque(maxlen=self.most))
         self._times.move_to_end(address)
         if len(self._times) > _REMEMBERED:
             self._times.popitem(last=False)
-        if len(times) == self._most and 0.0 <= now - times[0] < _HOUR:
+        if len(times) == self.most and 0.0 <= now - times[0] < _HOUR:
             return False
         times.append(now)
         return True
