@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import subprocess
+import warnings
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
 from pathlib import Path
@@ -158,7 +159,9 @@ class WebKitTab(Tab):
         self.driver.get(link)
 
     def beside(self, link):
-        self.driver.switch_to.new_window("tab")
+        # A window, as a tab stays behind the one before, where no key or mouse reaches it.
+        self.driver.switch_to.new_window("window")
+        self.driver.set_window_rect(0, 0, WIDTH, HEIGHT)
         other = WebKitTab(self.driver)
         other.go(link)
         return other
@@ -193,8 +196,9 @@ def firefox_tab(folder, **preferences):
     connection = WebSocketConnection(f"{address}/session", 60, 0.005)
     try:
         connection.send_cmd("session.new", {"capabilities": {}})
-        tree = connection.send_cmd("browsingContext.getTree", {})["result"]
-        yield FirefoxTab(connection, tree["contexts"][0]["context"])
+        # The tab that it begins with leaves the keys to the field for addresses.
+        created = connection.send_cmd("browsingContext.create", {"type": "tab"})
+        yield FirefoxTab(connection, created["result"]["context"])
     finally:
         connection.close()
         process.terminate()
@@ -229,14 +233,10 @@ def webkit_tab(_folder):
         environment = {"DISPLAY": display, "GDK_BACKEND": "x11"}
         if os.geteuid() == 0:  # as root it can't have its sandbox
             environment["WEBKIT_DISABLE_SANDBOX_THIS_IS_DANGEROUS"] = "1"
-        service = (
-            webdriver.WebKitGTKService(
-                shutil.which("WebKitWebDriver"), env=os.environ | environment
-            )
-            if hasattr(webdriver, "WebKitGTKService")
-            else None
-        )
-        driver = webdriver.WebKitGTK(options=options, service=service)
+        service = webdriver.WebKitGTKService(env=os.environ | environment)
+        with warnings.catch_warnings():  # Selenium warns of its own call
+            warnings.simplefilter("ignore", DeprecationWarning)
+            driver = webdriver.WebKitGTK(options=options, service=service)
         try:
             driver.set_window_rect(0, 0, WIDTH, HEIGHT)
             yield WebKitTab(driver)

@@ -34,13 +34,14 @@ async def long(_):
     return PlainTextResponse(b"x" * 10_000_000)
 
 
-async def slow(_):
-    await asyncio.sleep(3)
-
-
 @pytest.fixture
 def server():
     """The server with a plain application, in a thread."""
+
+    async def slow(_):
+        while not opened.should_exit:
+            await asyncio.sleep(0.02)
+
     methods = ["GET", "POST"]
     app = Starlette(
         routes=[Route("/", echo, methods=methods), Route("/long", long), Route("/slow", slow)]

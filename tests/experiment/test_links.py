@@ -4,12 +4,15 @@ import json
 from urllib.parse import parse_qsl, quote, urlsplit
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pourcast import cli
 from pourcast.errors import InputError
 from pourcast.experiment.data.overview import study_overview
 from pourcast.experiment.data.tables import participants_table
 from pourcast.experiment.design.links import (
+    filled,
     link_key,
     participant_links,
     read_ids,
@@ -61,6 +64,18 @@ def test_who_is_somebody_is_let_in_the_same_with_blanks_around(person):
         assert visitor(spaced, SECRET) == found
 
 
+@given(st.from_regex("[0-9a-f]{24}|A[A-Z0-9]{12,13}|[A-Za-z]{2,8}[0-9]{1,6}", fullmatch=True))
+def test_no_platforms_id_is_taken_for_a_placeholder(identifier):
+    assert filled(identifier) == identifier
+
+
+@given(st.text(max_size=40))
+def test_whatever_stands_in_a_link_is_a_person_or_nobody(text):
+    found = filled(text)
+    assert found in text
+    assert filled(found) == found
+
+
 def test_the_links_that_are_given_away_are_nobodys_until_they_are_filled_in():
     given = participant_links("http://x", SECRET)["prolific"]
     link = dict(parse_qsl(urlsplit(given).query, keep_blank_values=True))
@@ -92,9 +107,11 @@ def test_an_unfilled_link_is_refused_kindly_and_the_researcher_is_told(
         assert "nobody had filled in the link" in told[0]
         assert "{{%PROLIFIC_PID%}}" in told[0]
         page = api.client.get(f"/admin?token={api.storage.admin_token}").text
-        assert "3 visits were refused, as nobody had filled in the link" in page
+        assert "visits that were refused: 3, as nobody had filled in the link" in page
     assert cli.run(["experiment", "status", str(study)]) == 0
-    assert "3 visits were refused, as nobody had filled in the link" in capsys.readouterr().out
+    assert (
+        "visits that were refused: 3, as nobody had filled in the link" in capsys.readouterr().out
+    )
 
 
 def test_who_looks_at_a_task_without_accepting_it_is_told_to_and_nobody_is_alarmed(api, caplog):
@@ -106,11 +123,14 @@ def test_who_looks_at_a_task_without_accepting_it_is_told_to_and_nobody_is_alarm
     assert api.storage.refusals() == {}
 
 
-def test_refusals_fill_no_disk(tmp_path):
+def test_refusals_fill_no_disk_and_too_many_visits_are_told_of(tmp_path, caplog):
     with api_of(small_study(tmp_path), sessions_per_address=3) as api:
         said = [api.begin(f"request-{k}", link={"PROLIFIC_PID": ""}).status_code for k in range(5)]
         assert said == [403, 403, 403, 429, 429]
         assert api.storage.refusals() == {"unfilled": 3}
+        assert api.begin("request-9").json()["refused"] == "busy"
+        told = "more than 3 visits came from one address within an hour; if they are your partici"
+        assert caplog.text.count(told) == 1
 
 
 # Files from elsewhere --------------------------------------------------------------------

@@ -181,6 +181,18 @@ def test_the_file_as_it_was_is_kept_and_overwrites_nothing(old_file):
     assert kept.stat().st_mode & 0o077 == 0
 
 
+def test_who_withdraws_is_taken_out_of_the_copy_that_was_kept_too(tmp_path):
+    study = small_study(tmp_path)
+    make_old(study / "responses.sqlite", KINDS["counting"])
+    kept = study / "responses-schema-1.sqlite"
+    Storage.of_study(study).close()
+    assert [row[2] for row in sessions_in(kept)] == ["lab-1", "lab-2"]
+    assert cli.run(["experiment", "data", str(study), "--withdraw", "lab-1"]) == 0
+    for path in (kept, study / "responses.sqlite"):
+        assert len(sessions_in(path)) == 1
+        assert b"lab-1" not in path.read_bytes()
+
+
 def test_a_migration_that_fails_changes_nothing_and_is_done_the_next_time(old_file, monkeypatch):
     before = sessions_in(old_file)
     really = sa.Connection.execute

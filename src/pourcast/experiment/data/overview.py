@@ -14,7 +14,7 @@ from pourcast.experiment.design.links import UNFILLED
 from pourcast.experiment.design.settings import read_design
 from pourcast.experiment.storage.journal import NAME as JOURNAL
 from pourcast.experiment.storage.journal import Journal
-from pourcast.experiment.storage.record_lines import FORMAT, names_of
+from pourcast.experiment.storage.record_lines import FORMAT, line_names, names_of
 from pourcast.experiment.storage.sessions import DECLINED_LATER, DROPPED, OPEN, Session
 from pourcast.experiment.storage.storage import Storage
 from pourcast.experiment.storage.visits import REFUSED_BECAUSE
@@ -98,7 +98,7 @@ class Overview:
                 "anonymous participant of their own"
             )
         return lines + [
-            f"{self.refusals[reason]} visits were refused, {because}"
+            f"visits that were refused: {self.refusals[reason]}, {because}"
             for reason, because in REFUSED_BECAUSE.items()
             if reason in self.refusals
         ]
@@ -196,4 +196,5 @@ def _missing(storage: Storage, journal: Journal) -> tuple[int, int]:
     lines = storage.journal_lines()
     # That somebody was dropped is told by the time, too.
     lasting = [line for line in lines if line.get("state") != DROPPED]
-    return len(journal.missing(lasting)), len(names_of(noted) - names_of(lines))
+    alone = set().union(*map(line_names, noted)) - names_of(lines)
+    return len(journal.missing(lasting)), len(alone)

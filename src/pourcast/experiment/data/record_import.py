@@ -388,9 +388,13 @@ class _Importer:
         return *found, _as_shown(steps, run.records)
 
     def _end(self, session: Session, run: _Run, *, is_new: bool) -> None:
-        """Say how a session ended: as a journal says, or complete if all of it is there."""
+        """Say how a session ended: as a journal says, or complete if all of it is there.
+
+        What has ended stays as it is.
+        """
         if not self._tells_ends:
-            if len(self.storage.saved_steps(session.number)) == len(session.steps):
+            goes_on = session.state in (OPEN, DROPPED)
+            if goes_on and len(self.storage.saved_steps(session.number)) == len(session.steps):
                 self.storage.end(session.number, COMPLETE)
             return
         if self._is_own:

@@ -105,7 +105,7 @@ class LiveExperiment:
         journal_retry: float = _JOURNAL_RETRY,
     ) -> None:
         self.study, self.storage, self.clock = study, storage, clock or RunningClock()
-        self.journal = Journal.of_study(study)
+        self.journal = Journal.of_study(study, storage.states)
         storage.take_words(journal_words(self.journal.path))
         self.materials = prepare_materials(study, storage.secret, report)
         self.scenes, self.design = self.materials.scenes, self.materials.design
@@ -153,7 +153,6 @@ class LiveExperiment:
         """Close the database; what the journal could not take is tried once more."""
         self._pool.shutdown()
         with contextlib.suppress(StoreError):  # said below: all of it still waits
-            self._forget_deleted_sessions()
             self.journal.retry()
         if self.journal.waiting:
             LOGGER.error(
@@ -169,8 +168,7 @@ class LiveExperiment:
         self, visitor: Visitor, request: str, tab: str, address: str
     ) -> tuple[Session, str]:
         """Begin a session, or go on with it; see `Storage.begin`."""
-        if not self._visits.allowed(address, self.clock()):
-            raise Refusal("busy")
+        self._limit_visits(address)
         ids = {one for name, one in visitor.identifiers.items() if name in PERSONAL}
         is_platforms = visitor.entry in ("prolific", "mturk")
         if is_platforms and self._allowed_ids is not None and not ids <= self._allowed_ids:
@@ -179,7 +177,6 @@ class LiveExperiment:
         arrival = Arrival(request, visitor.entry, visitor.identifiers, tab, visitor.participant)
 
         def work() -> tuple[Session, str]:
-            self._forget_deleted_sessions()
             session, token, is_new = self.storage.begin(
                 arrival,
                 self.materials.steps,
@@ -216,21 +213,31 @@ class LiveExperiment:
         Refusal
             Always.
         """
-        if not self._visits.allowed(address, self.clock()):
-            raise Refusal("busy")
+        self._limit_visits(address)
         await self._count_refusal(UNFILLED, ", ".join(f"{k}={v}" for k, v in found.items()))
         raise Refusal(UNFILLED)
+
+    def _limit_visits(self, address: str) -> None:
+        """Refuse who comes too often; that is not counted, or it would cost what it saves."""
+        if not self._visits.allowed(address, self.clock()):
+            self._tell_refusal(
+                "busy",
+                f"as more than {self._visits.most} visits came from one address within an hour; if "
+                "they are your participants, see --sessions-per-address, and --behind-proxy",
+            )
+            raise Refusal("busy")
 
     async def _count_refusal(self, reason: str, found: str = "") -> None:
         """Count a refusal, and tell of the first one: without ids, which are for no log."""
         await self._call(lambda: self.storage.count_refusal(reason))
+        found = f" (found {found[:100]!r})" if found else ""
+        why = f"{REFUSED_BECAUSE[reason]}{found}; `pourcast experiment status` counts them"
+        self._tell_refusal(reason, why)
+
+    def _tell_refusal(self, reason: str, why: str) -> None:
         if reason not in self._told_refusals:
             self._told_refusals.add(reason)
-            LOGGER.warning(
-                "a visitor was refused, %s%s; `pourcast experiment status` counts them",
-                REFUSED_BECAUSE[reason],
-                f" (found {found[:100]!r})" if found else "",
-            )
+            LOGGER.warning("a visitor was refused, %s", why)
 
     async def resume(self, token: str, tab: str | None) -> Session:
         """Look a session up, and give it to a tab if there is one.
@@ -386,7 +393,6 @@ class LiveExperiment:
                     one.saved.set_result(result)
 
     def _save(self, batch: "list[_Waiting]") -> list[SaveResult]:
-        self._forget_deleted_sessions()
         results = self.storage.save([one.record for one in batch])
         back = {
             one.session.number for one, result in zip(batch, results, strict=True) if result.dropped
@@ -414,16 +420,11 @@ class LiveExperiment:
 
     async def _retry_journal(self) -> None:
         """Try again what the journal could not take, should no more records come."""
-
-        def work() -> None:
-            self._forget_deleted_sessions()
-            self._append_to_journal([])
-
         while True:
             await asyncio.sleep(self._journal_retry)
             if self.journal.waiting:
                 with contextlib.suppress(StoreError):  # counted by `_call`; tried again
-                    await self._call(work)
+                    await self._call(lambda: self._append_to_journal([]))
 
     async def _look_after_files(self) -> None:
         """Notice what becomes of the database and the journal, should no records come."""
@@ -485,11 +486,6 @@ class LiveExperiment:
             return None
         return ((found.st_dev, found.st_ino), found.st_size) if found.st_size else None
 
-    def _forget_deleted_sessions(self) -> None:
-        """Keep out of the journal who withdrew while it could not be written."""
-        if self.journal.waiting:
-            self.journal.keep_waiting_of(self.storage.states())
-
     async def _call(self, work: Callable[[], T]) -> T:
         """Do something with the database: one thing after another, off the event loop."""
 
@@ -519,15 +515,15 @@ class _Visits:
     """How often each address opened a session in the last hour."""
 
     def __init__(self, most: int) -> None:
-        self._most = most
+        self.most = most
         self._times: OrderedDict[str, deque[float]] = OrderedDict()
 
     def allowed(self, address: str, now: float) -> bool:
-        times = self._times.setdefault(address, deque(maxlen=self._most))
+        times = self._times.setdefault(address, deque(maxlen=self.most))
         self._times.move_to_end(address)
         if len(self._times) > _REMEMBERED:
             self._times.popitem(last=False)
-        if len(times) == self._most and 0.0 <= now - times[0] < _HOUR:
+        if len(times) == self.most and 0.0 <= now - times[0] < _HOUR:
             return False
         times.append(now)
         return True

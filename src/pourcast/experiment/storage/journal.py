@@ -9,7 +9,7 @@ the next start (`Journal.catch_up`). The journal alone is enough to make the dat
 
 import json
 import os
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -42,10 +42,14 @@ class Journal:
     ----------
     path
         The file; made when the first line comes.
+    sessions
+        Says the keys of the sessions that there are. It is asked whenever lines are appended, while
+        nobody else changes the file: lines of who withdrew in the meantime are left out.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, sessions: Callable[[], Collection[str]] | None = None) -> None:
         self.path = path
+        self._sessions = sessions
         self.failures = Failures("new records are in the database alone until it can be")
         self._lock = FileLock(path.with_suffix(".lock"), mode=PRIVATE)
         self._waiting: list[Line] = []
@@ -53,9 +57,11 @@ class Journal:
         keep_private(path.with_suffix(".lock"))
 
     @classmethod
-    def of_study(cls, study: Path) -> "Journal":
+    def of_study(
+        cls, study: Path, sessions: Callable[[], Collection[str]] | None = None
+    ) -> "Journal":
         """The journal of a study."""
-        return cls(study / NAME)
+        return cls(study / NAME, sessions)
 
     @property
     def waiting(self) -> int:
@@ -78,6 +84,8 @@ class Journal:
             return
         try:
             with self._lock.acquire(timeout=_LONGEST_WAIT):
+                if self._sessions is not None:
+                    self.keep_waiting_of(self._sessions())
                 _append(self.path, _encoded(self._waiting))
         except OSError as error:
             self.failures.add(f"{self.path}: cannot be written ({error.strerror or error})")

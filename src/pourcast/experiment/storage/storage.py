@@ -517,6 +517,9 @@ class Storage:
         numbers = list(sessions)
         deleted = {}
         with self._writing() as connection:
+            # Whoever saves a record of one now is waited for; those who come later find none.
+            rows = sa.select(SESSIONS.c.id).where(SESSIONS.c.id.in_(numbers))
+            connection.execute(rows.order_by(SESSIONS.c.id).with_for_update())
             for table, column in (
                 (RECORDS, RECORDS.c.session),
                 (CONFLICTS, CONFLICTS.c.session),
