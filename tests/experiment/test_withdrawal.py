@@ -562,7 +562,7 @@ def trace(frame, event, argument):
     if count == limit:
         os.kill(os.getpid(), signal.SIGKILL)
     return trace
-limit = int(float(at) * 150000)
+limit = int(float(at) * 480000)
 sys.settrace(trace)
 cli.run(["experiment", "data", study, "--withdraw", who])
 print(count)
