@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
+from filelock import FileLock, Timeout
 
 from pourcast.experiment.data.record_import import import_records
 from pourcast.experiment.data.withdrawal import withdraw
@@ -309,7 +310,8 @@ class World:
         name = argument.__name__ if event.startswith("c_") else frame.f_code.co_name
         if self._meanwhile is not None and (event, name) == ("return", "do_commit"):
             self._commits_left -= 1
-            if self._commits_left == 0:
+            # Who has to wait for the server's lock comes after it.
+            if self._commits_left <= 0 and not self._journal_is_locked():
                 work, self._meanwhile = self._meanwhile, None
                 work()
         if self._touches_left is None:
@@ -318,6 +320,15 @@ class World:
             self._touches_left -= 1
             if self._touches_left <= 0:
                 self._die()
+
+    def _journal_is_locked(self):
+        lock = FileLock(self.study / "responses.lock")
+        try:
+            lock.acquire(blocking=False)
+        except Timeout:
+            return True
+        lock.release()
+        return False
 
     def _die(self):
         self._touches_left = None
