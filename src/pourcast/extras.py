@@ -9,7 +9,7 @@ from pourcast.errors import InputError
 EXTRAS = {
     "bayes": ("numpyro", "arviz"),
     "stimuli": ("pysplashsurf",),
-    "experiment": ("sqlalchemy", "psutil", "starlette", "uvicorn"),
+    "experiment": ("sqlalchemy", "psutil", "starlette", "uvicorn", "httptools"),
 }
 """Modules of the extras that are needed as a whole."""
 

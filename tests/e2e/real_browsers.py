@@ -159,7 +159,9 @@ class WebKitTab(Tab):
         self.driver.get(link)
 
     def beside(self, link):
-        self.driver.switch_to.new_window("tab")
+        # A window, as a tab stays behind the one before, where no key or mouse reaches it.
+        self.driver.switch_to.new_window("window")
+        self.driver.set_window_rect(0, 0, WIDTH, HEIGHT)
         other = WebKitTab(self.driver)
         other.go(link)
         return other

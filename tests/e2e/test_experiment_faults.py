@@ -18,6 +18,7 @@ import pytest
 from pourcast import cli
 from pourcast.experiment.data.tables import trials_table
 from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.record_lines import FORMAT
 from pourcast.experiment.storage.storage import Storage
 from pourcast.observers.browser import chromium
 from tests.e2e.participant import Participant
@@ -57,10 +58,15 @@ def check(study, people=(), browsers=()):
         assert session.state == "complete"
         assert storage.saved_steps(session.number) == list(range(len(session.steps)))
     assert storage.conflicts() == []
-    written = sorted((line["session"], line["seq"]) for line in Journal.of_study(study).lines())
-    kept = [(r.session, r.seq) for r in storage.records()] + [
-        (s.number, -1) for s in sessions.values()
-    ]
+    # The journal's lines of records, and those that open sessions.
+    written = sorted(
+        (line["session"], line.get("seq", -1))
+        for line in Journal.of_study(study).lines()
+        if "seq" in line or line.get("format") == FORMAT
+    )
+    keys = {one.number: one.key for one in sessions.values()}
+    kept = [(keys[r.session], r.seq) for r in storage.records()]
+    kept += [(key, -1) for key in keys.values()]
     assert written == sorted(kept)
     table = trials_table(storage)
     assert not table.duplicated(["participant", "phase", "trial"]).any()

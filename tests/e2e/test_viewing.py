@@ -225,6 +225,8 @@ def test_a_window_that_is_made_too_small_is_told_of_before_the_next_trial(
         someone.press("Try again")
         someone.see("This is what happens")
         someone.go_on()
+        # As large as ever in a window of this size: what did not fit in the other one is past.
+        assert list(trials_table(opened.storage)["picture_height"])[1:] == [338.0, 338.0]
     assert saved(opened) == pytest.approx(someone.answers, abs=0.004)
     someone.close()
 

@@ -248,7 +248,7 @@ def open_to_writers(folder):
         path.chmod(0o755)
 
 
-@pytest.fixture(params=["closed", "killed"])
+@pytest.fixture(params=[pytest.param("closed", marks=pytest.mark.slow), "killed"])
 def read_only_copy(request, tmp_path):
     """A copy of a study that nobody can change, of a server that ended, or had no time to."""
     study = small_study(tmp_path / "study")

@@ -9,8 +9,10 @@ import threading
 
 import pandas as pd
 import pytest
+import sqlalchemy as sa
 
 from pourcast import cli
+from pourcast.errors import StoreError
 from pourcast.experiment.data.tables import (
     IDENTIFIER_PREFIX,
     PARTICIPANT_COLUMNS,
@@ -22,6 +24,7 @@ from pourcast.experiment.data.tables import (
 )
 from pourcast.experiment.design.links import link_key
 from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.schema import SESSIONS
 from pourcast.experiment.storage.sessions import Arrival
 from pourcast.experiment.storage.storage import Storage
 from pourcast.files import keep_private, left_behind, replacing, write_text
@@ -162,10 +165,10 @@ def test_names_from_a_file_are_no_columns_of_ours_and_no_formulas(tmp_path, caps
         "format": "pourcast-records", "session": "a1b2c3d4e5", "entry": "jatos", "group": 0,
         "place": 0, "identifiers": {name: f"value {k}" for k, name in enumerate(ODD_NAMES)},
     }  # fmt: skip
+    path = tmp_path / "results.txt"
+    path.write_text(json.dumps(opening) + "\n")
+    assert call("data", study, "--import", path) == 0
     storage = Storage.of_study(study)
-    storage.insert(
-        Arrival("request", "jatos", opening["identifiers"], "", key="a1b2c3d4e5"), 0, 0, (), 1.0
-    )
     table = participants_table(storage, identifiers=True)
     storage.close()
     assert list(table.columns[: len(PARTICIPANT_COLUMNS)]) == list(PARTICIPANT_COLUMNS)
@@ -277,13 +280,19 @@ def test_a_password_is_never_said(tmp_path, capsys, monkeypatch, url):
             assert "note: others on this computer can read the password" in direct.err
 
 
-def test_what_the_database_complains_of_quotes_nobody(storage, caplog):
+def test_what_the_database_complains_of_quotes_nobody(storage):
     """PostgreSQL quotes the values that it refuses."""
-    storage.insert(Arrival("request-1", "lab", {}, "", key="k1"), 0, 0, (), 1.0)
-    with pytest.raises(Exception, match=r"(?i)unique") as failure:
-        storage.insert(Arrival("secret-request", "lab", {}, "", key="k1"), 0, 0, (), 1.0)
-    assert "secret-request" not in str(failure.value)
-    assert "k1" not in str(failure.value)
+    arrival = Arrival("request-1", "prolific", {"PROLIFIC_PID": "5f0secret"}, "", "code-1")
+    where = {"groups": 1, "places": None, "largest_gap": 9.0, "now": 1.0}
+    session, _, _ = storage.begin(arrival, lambda *_: (), **where)
+    with (
+        pytest.raises(StoreError, match=r"(?i)unique") as failure,
+        storage._transaction(writes=True) as connection,
+    ):
+        row = connection.execute(sa.select(SESSIONS)).mappings().one()
+        connection.execute(SESSIONS.insert().values(**{**row, "id": row["id"] + 1}))
+    hidden = ("5f0secret", "request-1", session.key)
+    assert [word for word in hidden if word in str(failure.value)] == []
 
 
 def test_a_journal_that_two_write_has_one_private_file(tmp_path, umask):

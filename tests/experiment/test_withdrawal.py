@@ -76,7 +76,7 @@ def names_of(study, pid):
             )
         ]
     assert rows
-    return [pid, *(name for row in rows for name in row[:4]), *digests]
+    return [pid, *(name for row in rows for name in row[:4]), *digests, f"visit-of-{pid[:4]}"]
 
 
 def files_with(folder, names):
@@ -148,7 +148,7 @@ def test_all_that_is_ours_is_cleaned_and_nobody_elses(collected, capsys):
     said = capsys.readouterr().out
     assert [line for line in DELETED if f"deleted: {line}" not in said] == []
     assert f"`pourcast report {study} -o {study / 'report of may'}` makes them again" in said
-    assert f"look for: {', '.join(sorted([*names[:2], *names[3:5]]))}\n" in said
+    assert f"look for: {', '.join(sorted([*names[:2], *names[3:5], names[-1]]))}\n" in said
     assert files_with(study, names) == []
     for keep in ("report/my notes.txt", "compared/mine.csv"):
         assert (study / keep).read_text() == "nobody"
@@ -177,6 +177,7 @@ def test_what_is_not_ours_is_named_and_left_as_it_is(collected, capsys):
         "mail.html.gz": gzip.compress(f"<p>{names[4]}</p>".encode()),
         f"{PID}.pdf": b"%PDF- packed",
         "one-line.json": json.dumps([{"session": names[1], "seq": 1}]).encode(),
+        "submissions.csv": f"Submission id,Status\nvisit-of-{PID[:4]},APPROVED\n".encode(),
         "prolific_export.csv": f"Submission id,Participant id\n1,{PID}\n".encode(),
     }
     for name, content in left.items():
@@ -190,7 +191,7 @@ def test_what_is_not_ours_is_named_and_left_as_it_is(collected, capsys):
     named = {line.partition(": has ")[0] for line in lines}
     assert named == {*left, "book.xlsx", ".new-0123456789abcdef.csv"}
     assert "it is being written: say this again in a minute" in said.out
-    assert "8 things are left, named above; clean or delete them by hand" in said.err
+    assert "not all could be cleaned (9 named above); clean or delete the rest by hand" in said.err
     assert "note: looked through " in said.out
     assert "(pictures, films and pours in stimuli/, simulation results in sweep/)" in said.out
     assert f"note: what pictures, films and PDFs show was not looked at: {PID}.pdf" in said.out
@@ -212,6 +213,34 @@ def test_what_a_kill_left_of_the_journal_goes_with_the_person(collected, age):
     assert call("data", study, "--withdraw", PID) == 0
     assert not left.exists()
     assert files_with(study, names) == []
+
+
+def test_copies_of_older_databases_are_cleaned(collected, capsys):
+    study, names = collected
+    copy = study / "responses-schema-1.sqlite"
+    with (
+        closing(sqlite3.connect(study / "responses.sqlite")) as database,
+        closing(sqlite3.connect(copy)) as old,
+    ):
+        database.backup(old)
+        columns = [row[1] for row in old.execute("PRAGMA table_info(sessions)")]
+        first = ", ".join(name for name in columns if name in FIRST_VERSION)
+        old.execute(f"CREATE TABLE first AS SELECT {first} FROM sessions")
+        old.execute("DROP TABLE sessions")
+        old.execute("ALTER TABLE first RENAME TO sessions")
+        old.execute("DROP TABLE browsers")
+        old.commit()
+    assert call("data", study, "--withdraw", PID) == 0
+    assert "deleted: responses-schema-1.sqlite: 1 session" in capsys.readouterr().out
+    assert files_with(study, names) == []
+    with closing(sqlite3.connect(copy)) as old:
+        assert old.execute("SELECT count(*) FROM records").fetchone() == (14,)
+
+
+FIRST_VERSION = (
+    "id", "request", "participant", "entry", "identifiers", "group_number", "place", "state", "tab",
+    "code", "plan", "started", "last_seen",
+)  # fmt: skip
 
 
 def test_everything_is_clean_by_itself_where_only_our_commands_wrote(collected, capsys):

@@ -214,7 +214,10 @@ def data(
     ] = None,
     withdraw: Annotated[
         str | None,
-        typer.Option(metavar="ID", help="Delete a participant everywhere; say what was deleted."),
+        typer.Option(
+            metavar="ID",
+            help="Delete a participant in all of STUDY; say what was deleted, and what is left.",
+        ),
     ] = None,
     database: DatabaseOption = None,
 ) -> None:
@@ -377,6 +380,6 @@ def _withdraw(study: Path, storage: "Storage | None", who: str) -> None:
         typer.echo(f"left: {line}")
     if done.left:
         raise StoreError(
-            f"withdraw: {len(done.left)} things are left, named above; clean or delete them by "
-            "hand, and say the same command again"
+            f"withdraw: not all could be cleaned ({len(done.left)} named above); clean or delete "
+            "the rest by hand, and say the same command again"
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pourcast.experiment.data.file_search import Needle
-from pourcast.experiment.design.links import PERSONAL
+from pourcast.experiment.design.links import PERSONAL, VISITS
 
 _SHORTEST = 6
 """A name with fewer letters stands in many files that speak of nobody."""
@@ -21,8 +21,10 @@ class SessionNames:
 
     Parameters
     ----------
-    key, request, code, participant
+    key, code, participant
         As in `storage.sessions.Session`; empty where it isn't known.
+    requests
+        By which browsers began it, or went on with it.
     identifiers
         The recruiting platform's ids.
     tokens
@@ -30,7 +32,7 @@ class SessionNames:
     """
 
     key: str = ""
-    request: str = ""
+    requests: tuple[str, ...] = ()
     code: str = ""
     participant: str = ""
     identifiers: Mapping[str, str] = field(default_factory=dict)
@@ -40,6 +42,11 @@ class SessionNames:
     def given(self) -> set[str]:
         """What others call this person alone; a study's id would be everybody's."""
         return {value for name, value in self.identifiers.items() if name in PERSONAL and value}
+
+    @property
+    def visits(self) -> set[str]:
+        """What the platform calls this visit."""
+        return {value for name, value in self.identifiers.items() if name in VISITS and value}
 
     @property
     def names(self) -> set[str]:
@@ -60,7 +67,7 @@ class Person:
     codes
         Participant codes that belong to what they were asked for by.
     others
-        What other people are called.
+        What other people and their visits are called.
     """
 
     sessions: tuple[SessionNames, ...]
@@ -95,6 +102,12 @@ class Person:
         return {name for one in self.sessions for name in one.given} | ({self.asked} - ours)
 
     @property
+    def visits(self) -> set[str]:
+        """What the platform calls their visits, as far as that is nobody else's too."""
+        visits = {name for one in self.sessions for name in one.visits}
+        return {name for name in visits - self.others if len(name) >= _SHORTEST}
+
+    @property
     def distinctive(self) -> set[str]:
         """What others call the person, as far as hardly anybody else can be called so."""
         return {
@@ -107,15 +120,16 @@ class Person:
     def to_look_for(self) -> list[str]:
         """What files elsewhere may call the person."""
         codes = {one.participant for one in self.sessions if one.participant} or self.codes
-        return sorted(self.given | codes | self.completion_codes | self.keys)
+        return sorted(self.given | codes | self.visits | self.completion_codes | self.keys)
 
     def needles(self) -> list[Needle]:
         """What to look for in files."""
         own = [
             *((name, f"participant code {name}") for name in sorted(self.participants)),
+            *((name, f"the platform's session {name}") for name in sorted(self.visits)),
             *((name, f"completion code {name}") for name in sorted(self.completion_codes)),
             *((name, f"session {name}") for name in sorted(self.keys)),
-            *((one.request, "request of the browser") for one in self.sessions if one.request),
+            *((word, "request of a browser") for one in self.sessions for word in one.requests),
             *((token, "digest of a token") for token in sorted(self.tokens)),
         ]
         made_by_us = [Needle(text, label, whole=True) for text, label in own]
@@ -156,7 +170,7 @@ def person_called(who: str, known: Iterable[SessionNames], codes: Iterable[str] 
         theirs,
         who,
         frozenset(codes),
-        frozenset(name for one in known if one not in theirs for name in one.names) - {who},
+        frozenset(n for one in known if one not in theirs for n in one.names | one.visits) - {who},
     )
 
 
@@ -166,20 +180,22 @@ def names_in_lines(lines: Iterable[Mapping[str, Any]]) -> list[SessionNames]:
     A session may be opened by several lines; all that they say counts.
     """
     openings: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
-    tokens: dict[str, list[str]] = defaultdict(list)
+    tokens: dict[str, set[str]] = defaultdict(set)
+    requests: dict[str, set[str]] = defaultdict(set)
     for line in lines:
         key = str(line.get("session", ""))
         if "identifiers" in line:
             openings[key].append(line)
-        tokens[key] += [str(one) for one in (*line.get("tokens", ()), line.get("token", "")) if one]
+        tokens[key].update(map(str, (*line.get("tokens", ()), line.get("token", ""))))
+        requests[key].update(map(str, (line.get("request", ""), line.get("browser", ""))))
     return [
         SessionNames(
             key=key,
-            request=str(line.get("request", "")),
+            requests=tuple(sorted(requests[key] - {""})),
             code=str(line.get("code", "")),
             participant=str(line.get("participant", "")),
             identifiers={str(k): str(v) for k, v in line["identifiers"].items()},
-            tokens=tuple(dict.fromkeys(tokens[key])),
+            tokens=tuple(sorted(tokens[key] - {""})),
         )
         for key, opened in openings.items()
         for line in opened

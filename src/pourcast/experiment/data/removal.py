@@ -181,10 +181,11 @@ def _remove_from_database(path: Path, person: Person) -> int:
             connection.row_factory = sqlite3.Row
             connection.execute("PRAGMA secure_delete = ON")
             numbers = _their_sessions(connection, person)
+            tables = _tables_of_sessions(connection) if numbers else []
             connection.execute("BEGIN IMMEDIATE")
             for number in numbers:
-                for table in ("records", "aside", "tokens"):
-                    connection.execute(f"DELETE FROM {table} WHERE session = ?", (number,))
+                for table in tables:
+                    connection.execute(f'DELETE FROM "{table}" WHERE session = ?', (number,))
                 connection.execute("DELETE FROM sessions WHERE id = ?", (number,))
             connection.execute("COMMIT")
             if numbers:
@@ -197,10 +198,19 @@ def _remove_from_database(path: Path, person: Person) -> int:
 
 def _their_sessions(connection: sqlite3.Connection, person: Person) -> list[int]:
     tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_master")}
-    if not {"sessions", "records", "aside", "tokens"} <= tables:
+    if not {"sessions", "records"} <= tables:
         return []
     rows = [dict(row) for row in connection.execute("SELECT * FROM sessions")]
     return [int(row["id"]) for row in rows if _is_their_session(row, person)]
+
+
+def _tables_of_sessions(connection: sqlite3.Connection) -> list[str]:
+    """Tables of which each row belongs to a session; older and newer versions have others."""
+    query = (
+        "SELECT m.name FROM sqlite_master AS m JOIN pragma_table_info(m.name) AS c "
+        "WHERE m.type = 'table' AND c.name = 'session'"
+    )
+    return [str(row[0]) for row in connection.execute(query)]
 
 
 def _is_their_session(row: Mapping[str, Any], person: Person) -> bool:

@@ -200,7 +200,9 @@ def _clean_stores(storage: Storage | None, journal: Journal, done: Withdrawal) -
         rows = storage.delete(numbers) if numbers else {}
         # A server that saved something in the meantime appended it; from now on it can't.
         lines += _remove_from_journal(journal, person)
-        done.deleted += [f"database: {count} rows of {table}" for table, count in rows.items()]
+        done.deleted += [
+            f"database: {count} rows of {table}" for table, count in rows.items() if count
+        ]
         try:
             storage.write_anew()
         except StoreError as error:

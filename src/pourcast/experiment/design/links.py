@@ -20,6 +20,9 @@ MTURK = ("workerId", "assignmentId", "hitId")
 PERSONAL = ("participant", PROLIFIC[0], MTURK[0])
 """Identifiers that tell one person from all others; those of studies and sessions don't."""
 
+VISITS = (PROLIFIC[2], MTURK[1])
+"""Identifiers of one visit of one person at the platform."""
+
 _CALLED: tuple[Entry, ...] = ("lab", "prolific", "mturk")
 """Entries by which people have a name that is the same whenever they come."""
 

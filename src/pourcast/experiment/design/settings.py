@@ -94,8 +94,8 @@ class Design(Frozen):
     fullscreen
         Fill the screen, where the browser can; asked for again when it was left.
     largest_gap
-        After this long without an answer a session can't be resumed, and its place
-        is given to somebody else [s].
+        After this long without an answer a session's place may be given to somebody
+        else, and then it can't be resumed if its group is full [s].
     slider, recruiting
         How the slider behaves, and where participants come from: see these classes.
     texts

@@ -79,6 +79,8 @@ def file_engine(file: DatabaseFile) -> sa.Engine:
         # Not another file, that was put there after the first connection.
         file.check()
         _set_sqlite_pragmas(connection)
+        # A file system without shared memory has none.
+        file.has_log = connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
 
     sa.event.listen(engine, "do_connect", connect)
     sa.event.listen(engine, "connect", opened)

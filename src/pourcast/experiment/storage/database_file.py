@@ -11,8 +11,8 @@ from pourcast.errors import StoreError
 from pourcast.files import create_private, replacing
 
 _PUT_BACK = (
-    "nothing is saved until the file is put back, or the server is ended and started with the file "
-    "where it was"
+    "nothing is saved until the file is put back; if it is lost, end the server (Ctrl-C) and start "
+    "it again: it makes the database again from responses.jsonl"
 )
 
 
@@ -46,6 +46,8 @@ class DatabaseFile:
         except OSError as error:
             raise StoreError(f"{path}: cannot be opened ({error.strerror or error})") from None
         self._lost_log = False
+        self.has_log = False
+        """Whether SQLite keeps a write-ahead log beside it while a connection is open."""
 
     @property
     def uri(self) -> str:
@@ -82,7 +84,7 @@ class DatabaseFile:
                 "be written"
             )
         # Once it was away, one of its name may be another program's: only a new start can tell.
-        self._lost_log |= is_open and not Path(f"{self.path}-wal").exists()
+        self._lost_log |= is_open and self.has_log and not Path(f"{self.path}-wal").exists()
         if self._lost_log:
             raise TakenAwayError(
                 f"{self.path}: its write-ahead log {self.path.name}-wal was deleted while it was "

@@ -63,13 +63,21 @@ async function settled(): Promise<void> {
 
 /** What the page of a trial needs beside the picture, above what page.css takes it to need [points]. */
 let more = 0;
+/** The window for which that is known. */
+let known = "";
 
 /**
  * Makes the picture smaller by what does not fit in the window: a long question, large letters.
- * It stays so, as a film and the next pictures must be as large.
+ * In a window of the same size it stays so, as a film and the next pictures must be as large.
  */
 export function fitPicture(): void {
   const root = document.documentElement;
+  const put = () => root.style.setProperty("--more", `${more}px`);
+  if (size() !== known) {
+    known = size();
+    more = 0;
+    put();
+  }
   more += Math.max(0, root.scrollHeight - root.clientHeight);
-  root.style.setProperty("--more", `${more}px`);
+  put();
 }

@@ -98,5 +98,10 @@ describe("a picture", () => {
     scroll.mockReturnValue(590);
     fitPicture();
     expect(more()).toBe("45px");
+    // Another window knows nothing of it.
+    Object.assign(window, { innerHeight: 901 });
+    scroll.mockReturnValue(585);
+    fitPicture();
+    expect(more()).toBe("0px");
   });
 });
