@@ -293,6 +293,16 @@ def test_the_command_says_what_it_left_out_and_exits_with_1(study, capsys):
     assert "14 that were there, 0 kept aside; nothing has changed" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("state", ["failed_check", "screened_out", "declined_later"])
+def test_a_file_undoes_no_end(study, state):
+    records = run_of(study.steps())
+    study.take(text_of(opening(group=0, place=0), *records[:-1]).encode(), "first.jsonl")
+    study.storage.end(study.storage.sessions()[0].number, state)
+    study.take(text_of(opening(group=0, place=0), *records).encode(), "all.jsonl")
+    assert [one.state for one in study.storage.sessions()] == [state]
+    assert len(study.storage.records()) == 14
+
+
 def test_a_file_that_cannot_be_read_is_told_of(study, capsys):
     assert call("data", study.folder, "--import", study.folder / "nothing.jsonl") == 2
     assert "nothing.jsonl: cannot be read (No such file" in capsys.readouterr().err

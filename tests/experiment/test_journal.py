@@ -127,6 +127,18 @@ def test_what_waits_is_taken_out_too(tmp_path, full_disk):
     assert [(line["session"], line["seq"]) for line in journal.lines()] == [("three", 0)]
 
 
+def test_a_line_of_who_was_deleted_in_the_meantime_is_not_appended(tmp_path):
+    there = {"one", "two"}
+    journal = Journal.of_study(tmp_path, lambda: there)
+    journal.append([*records(0, session="one"), *records(0, session="two")])
+    there.remove("one")
+    journal.append([*records(1, session="one"), *records(1, session="two")])
+    assert journal.catch_up([*records(2, session="one"), *records(2, session="two")]) == 2
+    assert [(line["session"], line["seq"]) for line in journal.lines()] == [
+        ("one", 0), ("two", 0), ("two", 1), ("two", 2),
+    ]  # fmt: skip
+
+
 def test_lines_that_cannot_be_taken_out_are_told_of_and_stay(tmp_path, monkeypatch):
     journal = Journal.of_study(tmp_path)
     journal.append(records(0))

@@ -47,6 +47,9 @@ largest_gap = {GAP}
 [recruiting]
 redirect = "https://app.example.org/?cc={{code}}"
 """
+MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+"""Where files are, if it can be: who is killed needs no disk, and waits for none there."""
+
 HOUR, DAY = 3600.0, 86400.0
 
 HEARD, REQUEST_LOST, ANSWER_LOST = "heard", "the request is lost", "the answer is lost"
@@ -98,7 +101,7 @@ class Walk(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         self.resources = ExitStack()
-        folder = Path(self.resources.enter_context(tempfile.TemporaryDirectory()))
+        folder = Path(self.resources.enter_context(tempfile.TemporaryDirectory(dir=MEMORY)))
         study = shutil.copytree(self.template, folder / "study")
         self.world = World(study, self.resources.enter_context(self.database()))
         self.resources.callback(self.world.stop)
@@ -242,12 +245,12 @@ class Walk(RuleBasedStateMachine):
             if browser.steps and not browser.refusals:
                 self._put(browser, *self._next(browser), HEARD if left else fate)
 
-    @rule(who=PEOPLE)
-    def answer_all(self, who):
+    @rule(who=PEOPLE, left=st.integers(0, 2))
+    def answer_all(self, who, left):
         browser = self._of(who)
         if browser.refusals:
             return
-        for _ in range(len(browser.steps) - len(browser.saved)):
+        for _ in range(len(browser.steps) - len(browser.saved) - left):
             self._put(browser, *self._next(browser), HEARD)
         self._finish(browser, COMPLETE, HEARD)
         self.past.append(browser)
@@ -430,6 +433,17 @@ class Walk(RuleBasedStateMachine):
     def nobody_does_anything(self, seconds):
         self.oracle.pass_time(seconds)
 
+    @rule(who=PEOPLE, pauses=st.lists(st.sampled_from([0.7, 1.5]), min_size=2, max_size=2))
+    def somebody_takes_their_time(self, who, pauses):
+        browser = self._of(who)
+        for pause in pauses:
+            for _ in range(3):
+                if browser.steps and not browser.refusals:
+                    self._put(browser, *self._next(browser), HEARD)
+            self.oracle.pass_time(pause * GAP)
+        # Whoever comes next may be given the place of who is away.
+        self._begin(self._browser("preview", 0), HEARD)
+
     @rule()
     def kill(self):
         self.world.kill()
@@ -447,8 +461,8 @@ class Walk(RuleBasedStateMachine):
             self.oracle.check()
 
 
-SEEDS = range(int(os.environ.get("POURCAST_WALK_SEEDS", "2")))
-"""Seeds of the long walks."""
+SEEDS = range(int(os.environ.get("POURCAST_WALK_SEEDS", "1")))
+"""Seeds of the long walks; so many as the environment says."""
 
 
 @pytest.fixture(scope="session")
@@ -471,11 +485,11 @@ def walk(template, database, *, walks, steps, chosen=None):
         ),
     )  # fmt: skip
     print(f"walk: {tally['steps']} steps in {tally['walks']} walks, seed {chosen}")
-    assert tally["steps"] >= walks * steps * 0.8
+    assert tally["steps"] >= walks * steps
 
 
 def test_nothing_acknowledged_is_lost_doubled_or_under_anothers_name(template):
-    walk(template, nullcontext, walks=6, steps=50)
+    walk(template, nullcontext, walks=5, steps=45)
 
 
 @pytest.mark.slow
@@ -487,7 +501,7 @@ def test_nothing_is_lost_in_thousands_of_steps(request, template, kind, chosen):
             return nullcontext()
         return fresh_database(request.getfixturevalue("postgresql"))
 
-    walk(template, database, walks=25, steps=100, chosen=chosen)
+    walk(template, database, walks=22, steps=100, chosen=chosen)
 
 
 @pytest.mark.slow
