@@ -96,7 +96,7 @@ def lasting(session):
 def collect(api):
     """People of all kinds; returns the open tab of one who is half-way."""
     api.run(api.begin("request-1", tab="tab-00000001").json())
-    link = {"PROLIFIC_PID": "5f0", "STUDY_ID": "st", "SESSION_ID": "se"}
+    link = {"PROLIFIC_PID": "person-5f0", "STUDY_ID": "st", "SESSION_ID": "se"}
     half = api.begin("request-2", link=link).json()
     # Another browser with the same id, for a moment.
     api.begin("request-22", tab="tab-00000022", link=link)
@@ -204,13 +204,13 @@ def test_a_database_from_a_backup_gets_what_came_since(study, tmp_path):
 def test_who_withdrew_does_not_come_back(study, capsys):
     with server(study) as api:
         collect(api)
-    assert call("data", study, "--withdraw", "5f0") == 0
+    assert call("data", study, "--withdraw", "person-5f0") == 0
     before = everything(study)
     delete_database(study)
     with server(study):
         pass
     assert same(everything(study), before)
-    assert "5f0" not in (study / "responses.jsonl").read_text()
+    assert "person-5f0" not in (study / "responses.jsonl").read_text()
 
 
 @pytest.mark.parametrize("command", ["status", "data"])
@@ -469,7 +469,7 @@ def test_a_line_that_is_damaged_stays_through_all_of_it(study, caplog):
     assert before["overview"]["missing_in_journal"] == 1
     with server(study):
         assert "2 lines can't be read, such as one that a crash cut short; they stay" in caplog.text
-    assert call("data", study, "--withdraw", "5f0") == 0
+    assert call("data", study, "--withdraw", "person-5f0") == 0
     left = journal.read_bytes().split(b"\n")
     assert damaged in left
     assert b"\xff\x00 rubbish" in left
@@ -558,3 +558,16 @@ def collected(template, tmp_path_factory):
         collect(api)
     shutil.copy(study / "responses.jsonl", study / "whole")
     return study
+
+
+def test_a_database_that_lacks_what_the_journal_has_is_told_of(study, tmp_path, capsys):
+    with server(study) as api:
+        collect(api)
+    delete_database(study)
+    # Something made a new one, which nobody has come to.
+    Storage.of_study(study).close()
+    assert call("status", study) == 0
+    said = capsys.readouterr().out
+    assert "records are in responses.jsonl alone, and not in the database; the server takes" in said
+    with server(study):
+        assert everything(study)["overview"]["missing_in_database"] == 0

@@ -156,7 +156,7 @@ def test_all_that_is_ours_is_cleaned_and_nobody_elses(collected, capsys):
     assert {name: (study / name).read_bytes() for name in before} == before
     # The other one has all of it still.
     old = study / "old"
-    assert pd.read_csv(old / "a.tsv", sep="\t")["participant"].tolist() == [other]
+    assert pd.read_csv(old / "a.tsv", sep="\t", dtype=str)["participant"].tolist() == [other]
     kept = pd.read_csv(old / "excel (1).csv", sep=";", encoding="utf-16", dtype=str)
     theirs = trials[trials["participant"] == other].reset_index(drop=True)
     pd.testing.assert_frame_equal(kept, theirs)
@@ -562,7 +562,7 @@ def trace(frame, event, argument):
     if count == limit:
         os.kill(os.getpid(), signal.SIGKILL)
     return trace
-limit = int(float(at) * 150000)
+limit = int(float(at) * 480000)
 sys.settrace(trace)
 cli.run(["experiment", "data", study, "--withdraw", who])
 print(count)

@@ -14,6 +14,7 @@ from pourcast.experiment.design.links import UNFILLED
 from pourcast.experiment.design.settings import read_design
 from pourcast.experiment.storage.journal import NAME as JOURNAL
 from pourcast.experiment.storage.journal import Journal
+from pourcast.experiment.storage.record_lines import FORMAT, line_names, names_of
 from pourcast.experiment.storage.sessions import DECLINED_LATER, DROPPED, OPEN, Session
 from pourcast.experiment.storage.storage import Storage
 from pourcast.experiment.storage.visits import REFUSED_BECAUSE
@@ -35,6 +36,8 @@ class Overview:
         Number of records that came under a key that another one had.
     missing_in_journal
         Number of records that the database has, and the journal has not.
+    missing_in_database
+        Number of records that the journal has, and the database has not.
     declined_later
         Codes of participants who declined after they had agreed.
     shared
@@ -52,6 +55,7 @@ class Overview:
     judgments: int
     conflicts: int
     missing_in_journal: int
+    missing_in_database: int
     declined_later: tuple[str, ...]
     shared: Mapping[str, int]
     unfilled: tuple[str, ...]
@@ -66,6 +70,12 @@ class Overview:
             lines.append(
                 f"{self.conflicts} records came under a key that had another one; they are kept "
                 "aside"
+            )
+        if self.missing_in_database:
+            lines.append(
+                f"{self.missing_in_database} records are in {JOURNAL} alone, and not in the "
+                "database; the server takes them in when it starts, and `pourcast experiment data "
+                f"STUDY --import STUDY/{JOURNAL}` does"
             )
         if self.missing_in_journal:
             lines.append(
@@ -101,6 +111,7 @@ class Overview:
             "median_rt": self.median_rt,
             "kept_aside": self.conflicts,
             "missing_in_journal": self.missing_in_journal,
+            "missing_in_database": self.missing_in_database,
             "declined_later": list(self.declined_later),
             "browsers_at_once": dict(self.shared),
             "unfilled_links": list(self.unfilled),
@@ -143,6 +154,7 @@ def overview(storage: Storage, journal: Journal, *, stale_before: float = -math.
     Records that the journal has not are counted whoever made them. Open sessions that were last
     heard of before `stale_before` [s since 1970] count as dropped.
     """
+    missing_in_journal, missing_in_database = _missing(storage, journal)
     sessions = [one for one in storage.sessions() if one.entry not in ("preview", "simulation")]
     recruited = {one.number for one in sessions}
 
@@ -162,17 +174,27 @@ def overview(storage: Storage, journal: Journal, *, stale_before: float = -math.
         (str(liquid), str(scene)): answers.tolist()
         for (liquid, scene), answers in test.groupby(["liquid", "scene"], sort=True)["response"]
     }
-    # That somebody was dropped is told by the time, too.
-    lines = [line for line in storage.journal_lines() if line.get("state") != DROPPED]
     return Overview(
         states,
         median_rt=float(test["rt"].median()),
         judgments=len(trials),
         conflicts=sum(record.session in recruited for record in storage.conflicts()),
         declined_later=tuple(one.participant for one in sessions if one.state == DECLINED_LATER),
-        missing_in_journal=len(journal.missing(lines)),
+        missing_in_journal=missing_in_journal,
+        missing_in_database=missing_in_database,
         shared={one.participant: at_once[one.number] for one in sessions if one.number in at_once},
         unfilled=tuple(one.participant for one in sessions if UNFILLED in one.identifiers),
         refusals=storage.refusals(),
         responses=responses,
     )
+
+
+def _missing(storage: Storage, journal: Journal) -> tuple[int, int]:
+    """How many records the journal lacks, and how many the database."""
+    # In this order: what comes meanwhile is in the database before it is in the journal.
+    noted = [line for line in journal.lines() if "seq" in line or line.get("format") == FORMAT]
+    lines = storage.journal_lines()
+    # That somebody was dropped is told by the time, too.
+    lasting = [line for line in lines if line.get("state") != DROPPED]
+    alone = set().union(*map(line_names, noted)) - names_of(lines)
+    return len(journal.missing(lasting)), len(alone)
