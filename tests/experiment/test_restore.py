@@ -3,7 +3,7 @@
 import json
 import random
 import shutil
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import pandas as pd
 import pytest
@@ -211,6 +211,27 @@ def test_who_withdrew_does_not_come_back(study, capsys):
         pass
     assert same(everything(study), before)
     assert "person-5f0" not in (study / "responses.jsonl").read_text()
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_a_number_of_who_withdrew_is_nobody_elses_in_a_new_database(study, kind, request):
+    """Nor that of who withdrew, or declined, last."""
+    with server(study) as api:
+        collect(api)
+        last = api.begin("request-last", link={"lab": link_key(api.storage.secret, "lab")}).json()
+        declines = api.begin(
+            "request-more", link={"lab": link_key(api.storage.secret, "lab")}
+        ).json()
+        numbers = [one.number for one in api.storage.sessions()]
+        api.post(declines, "finish", state="declined")
+    assert call("data", study, "--withdraw", last["participant"]) == 0
+    with Storage.of_study(study).engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT max(id) FROM sessions").scalar() < numbers[-2]
+    delete_database(study)
+    new = None if kind == "sqlite" else fresh_database(request.getfixturevalue("postgresql"))
+    with new or nullcontext() as url, server(study, url) as api:
+        api.begin("request-new")
+        assert max(one.number for one in api.storage.sessions()) == numbers[-1] + 1
 
 
 @pytest.mark.parametrize("command", ["status", "data"])

@@ -25,6 +25,7 @@ from pourcast.experiment.storage.record_lines import (
     CHANGES,
     FORMAT,
     JOURNAL_FORMAT,
+    LAST,
     SCHEMA_VERSION,
     dumps,
     is_line,
@@ -38,6 +39,9 @@ from pourcast.experiment.storage.storage import Storage
 _Key = Annotated[str, StringConstraints(min_length=8, max_length=100)]
 _Time = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 _Value = tuple[Place, Any]
+
+_MOST_SESSIONS = 10**9
+"""No study has more; a number above is not one of ours."""
 
 _BATCH = 1000
 """Records that are saved in one transaction, at most."""
@@ -67,7 +71,7 @@ class _Opening(_Content):
     identifiers: dict[str, str] = Field(default_factory=dict, max_length=20)
     group: int | None = Field(default=None, ge=0)
     place: int | None = Field(default=None, ge=0)
-    number: int = 0
+    number: int = Field(default=0, ge=0, le=_MOST_SESSIONS)
     request: str = ""
     participant: str = ""
     code: str = ""
@@ -276,6 +280,9 @@ class _Importer:
         self.storage.take_words(head)
         if head.get("secret") == self.storage.words["secret"]:
             self._is_own = True
+            last = head.get(LAST)
+            if isinstance(last, int) and 0 < last <= _MOST_SESSIONS:
+                self.storage.count_from(last)
             return
         self.faults.add(
             place,

@@ -28,6 +28,9 @@ FORMAT = "pourcast-records"
 JOURNAL_FORMAT = "pourcast-journal"
 """What the first line of a journal calls its format."""
 
+LAST = "last_session"
+"""What the first line of a journal calls the last number of a session, if some are gone."""
+
 SCHEMA_VERSION = 2
 
 CHANGES = ("token", "tab", "browser", "state")

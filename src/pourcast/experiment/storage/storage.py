@@ -55,6 +55,7 @@ from pourcast.experiment.storage.records import (
     saved_steps,
 )
 from pourcast.experiment.storage.restoration import (
+    count_from,
     identify_session,
     restore_session,
     restore_tokens,
@@ -356,6 +357,11 @@ class Storage:
             if not all_sessions(connection):
                 set_words(connection, words)
                 self.words = kept_words(connection)
+
+    def count_from(self, last: int) -> None:
+        """Give new sessions numbers after one that a lost database gave out last."""
+        with self._writing() as connection:
+            count_from(connection, last)
 
     def session_of(self, token: str) -> Session | None:
         """Session that a token belongs to, if any."""
