@@ -141,3 +141,25 @@ def test_the_drawing_of_the_house_is_that_of_its_imports():
         [sys.executable, ROOT / "docs" / "house.py"], check=True, capture_output=True, text=True
     ).stdout
     assert drawn == next(text for kind, text in snippets(CONTRIBUTING) if kind == "mermaid")
+
+
+WRONG = ROOT / "docs" / "how-to" / "what-can-go-wrong.md"
+
+
+def said_in(page):
+    """Code in the middle columns of a page's tables: what the software says."""
+    rows = [line.split(" | ") for line in page.read_text().splitlines() if line.startswith("| ")]
+    return [said for row in rows for said in re.findall(r"`([^`]+)`", row[1])]
+
+
+def test_what_can_go_wrong_is_told_in_the_words_in_which_it_is_said():
+    kinds = (".py", ".toml", ".html")
+    files = [path for path in (ROOT / "src").rglob("*") if path.suffix in kinds]
+    source = "\n".join(path.read_text() for path in files if "node_modules" not in path.parts)
+    # Python's sentences go over several lines.
+    source = re.sub(r'"\s*\n\s*f?"', "", source)
+    assert len(said_in(WRONG)) > 40
+    for said in said_in(WRONG):
+        # What is filled in differs: file names, numbers, causes.
+        for part in re.split(r"responses\S*|\([^)]*\)|\d+|[;:]|--\w+", said):
+            assert part.strip() in source, (said, part)

@@ -200,9 +200,9 @@ def firefox_tab(folder, **preferences):
         created = connection.send_cmd("browsingContext.create", {"type": "tab"})
         yield FirefoxTab(connection, created["result"]["context"])
     finally:
-        connection.close()
-        process.terminate()
+        process.kill()  # its profile is thrown away
         process.wait()
+        connection.close()
         process.stderr.close()
 
 
