@@ -471,8 +471,8 @@ class LiveExperiment:
         self._journal_identity = self._identity_of_journal()
         if missing and before is not None:
             LOGGER.warning(
-                "%s: was deleted, emptied or replaced while the study was served; %s lines that it "
-                "lacked were written again from the database",
+                "%s: was deleted, emptied or replaced while the study was served (a withdrawal "
+                "replaces it, too); %s lines that it lacked were written again from the database",
                 self.journal.path,
                 missing,
             )
