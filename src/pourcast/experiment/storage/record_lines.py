@@ -130,7 +130,7 @@ def is_line(content: object) -> bool:
     if not isinstance(content, dict):
         return False
     if content.get("format") == JOURNAL_FORMAT:
-        return True
+        return all(isinstance(content.get(name), str) for name in ("secret", "admin"))
     if not isinstance(content.get("session"), str):
         return False
     if content.get("format") == FORMAT:
