@@ -6,6 +6,7 @@ changes nothing. `storage.record_lines` says what the lines are.
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
@@ -37,6 +38,7 @@ from pourcast.experiment.storage.storage import Storage
 
 _Key = Annotated[str, StringConstraints(min_length=8, max_length=100)]
 _Time = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+_Number = Annotated[int, Field(ge=0, lt=2**31)]  # as databases have them
 _Value = tuple[Place, Any]
 
 _BATCH = 1000
@@ -65,9 +67,9 @@ class _Opening(_Content):
     schema_version: int = Field(default=1, le=SCHEMA_VERSION)
     entry: str = Field(default="static", max_length=20)
     identifiers: dict[str, str] = Field(default_factory=dict, max_length=20)
-    group: int | None = Field(default=None, ge=0)
-    place: int | None = Field(default=None, ge=0)
-    number: int = 0
+    group: _Number | None = None
+    place: _Number | None = None
+    number: _Number = 0
     request: str = ""
     participant: str = ""
     code: str = ""
@@ -83,8 +85,8 @@ class _Line(_Content):
     session: _Key
     seq: int = Field(ge=0)
     kind: Kind | None = None
-    group: int | None = Field(default=None, ge=0)
-    place: int | None = Field(default=None, ge=0)
+    group: _Number | None = None
+    place: _Number | None = None
     phase: str = ""
     trial: int = 0
     block: int = 0
@@ -165,11 +167,13 @@ def import_records(
     importer = _Importer(storage, schedule, now)
     faults = importer.faults
     is_own = path.resolve() == journal.path.resolve()
-    files = [(str(path), journal.read())] if is_own else list(answer_files(path, faults))
-    values = [value for name, content in files for value in json_values(name, content, faults)]
-    summary = importer.take_in(values)
-    if is_own:
-        _renew_old(journal, storage, values, faults.lines(str(path)))
+    # Who withdraws, or declines, meanwhile is taken out of the journal first: not before this ends.
+    with journal.held() if is_own else nullcontext():
+        files = [(str(path), journal.read())] if is_own else list(answer_files(path, faults))
+        values = [value for name, content in files for value in json_values(name, content, faults)]
+        summary = importer.take_in(values)
+        if is_own:
+            _renew_old(journal, storage, values, faults.lines(str(path)))
     journal.catch_up(storage.journal_lines())
     return summary
 
@@ -181,9 +185,10 @@ def restore(storage: Storage, journal: Journal, schedule: Schedule, now: float) 
     """
     importer = _Importer(storage, schedule, now)
     name = str(journal.path)
-    values = list(json_values(name, journal.read(), importer.faults))
-    summary = importer.take_in(_lacking(values, storage))
-    _renew_old(journal, storage, values, importer.faults.lines(name))
+    with journal.held():  # as in `import_records`
+        values = list(json_values(name, journal.read(), importer.faults))
+        summary = importer.take_in(_lacking(values, storage))
+        _renew_old(journal, storage, values, importer.faults.lines(name))
     return summary
 
 
