@@ -341,3 +341,39 @@ def test_a_server_says_in_its_terminal_what_became_of_its_database(tmp_path, how
         assert page.put(told, 1, answer("check"))[1]["saved"] == "new"
     assert "Traceback" not in log.read_text()
     assert cli.run(["experiment", "status", str(study)]) == 0
+
+
+def test_a_second_copy_that_cannot_be_read_stops_nobody(tmp_path):
+    study = small_study(tmp_path / "study")
+    journal = study / "responses.jsonl"
+    with api_of(study, journal_retry=0.05) as api:
+        told = api.begin().json()
+        delete(journal)
+        journal.mkdir()
+        assert api.put(told, 0, answer("consent")).json()["saved"] == "new"
+        other = api.begin("request-2").json()
+        assert api.put(other, 0, answer("consent")).status_code == 200
+        assert any("responses.jsonl: cannot be" in one for one in api.experiment.failures)
+        journal.rmdir()
+        put_back(journal)
+        wait_until(lambda: not api.experiment.failures)
+    (study / "responses.sqlite").unlink()
+    with api_of(study) as api:
+        assert [one.request for one in api.storage.sessions()] == ["request-1", "request-2"]
+        assert len(api.storage.records()) == 2
+
+
+@pytest.mark.parametrize("content", [b"SQLite format 3\0" + b"\xff" * 8000, b"no database" * 900])
+def test_a_damaged_database_says_what_to_do(tmp_path, content, capsys):
+    study = small_study(tmp_path / "study")
+    with api_of(study) as api:
+        api.run(api.begin().json())
+    (study / "responses.sqlite").write_bytes(content)
+    for command in ("status", "serve"):
+        assert cli.run(["experiment", command, str(study)]) == 1
+        said = capsys.readouterr().err
+        assert "the file is damaged: end the server, move it away" in said
+        assert said.count("\n") == 1
+    (study / "responses.sqlite").rename(tmp_path / "damaged")
+    with api_of(study) as api:
+        assert len(api.storage.records()) == 14

@@ -81,3 +81,12 @@ def test_nothing_that_is_sent_makes_it_fail(hostile_api, data):
 @given(data=st.data())
 def test_nothing_in_ten_thousand_requests_makes_it_fail(hostile_api, data):
     _never_fails(*hostile_api, data)
+
+
+@pytest.mark.parametrize(
+    "step", ["9" * 5000, "9" * 20, "-1", "0x1", "1.0", "\N{ARABIC-INDIC DIGIT ONE}"]
+)
+def test_a_step_that_is_no_number_is_none(hostile_api, step):
+    api, token = hostile_api
+    said = api.put({"token": token}, step, answer("consent"))
+    assert said.status_code == 404

@@ -3,6 +3,9 @@
 import json
 import random
 import shutil
+import subprocess
+import sys
+import threading
 from contextlib import contextmanager, nullcontext
 
 import pandas as pd
@@ -14,6 +17,7 @@ from pourcast import cli
 from pourcast.experiment.data.old_journal import is_old_line
 from pourcast.experiment.data.overview import study_overview
 from pourcast.experiment.data.record_import import import_records, restore
+from pourcast.experiment.data.responses import _collected as collected_responses
 from pourcast.experiment.data.tables import participants_table, trials_table
 from pourcast.experiment.data.withdrawal import withdraw
 from pourcast.experiment.design.links import link_key
@@ -592,3 +596,98 @@ def test_a_database_that_lacks_what_the_journal_has_is_told_of(study, tmp_path, 
     assert "records are in responses.jsonl alone, and not in the database; the server takes" in said
     with server(study):
         assert everything(study)["overview"]["missing_in_database"] == 0
+
+
+# Others at the same time, odd folders, odd files ------------------------------------------
+
+
+def test_who_withdraws_while_the_journal_is_read_is_not_restored(study, monkeypatch):
+    with server(study) as api:
+        api.run(api.begin(link={"PROLIFIC_PID": "person-5f0a", "STUDY_ID": "st"}).json())
+        api.run(api.begin("request-2").json())
+    storage = Storage.of_study(study)
+    journal = Journal.of_study(study, storage.states)
+    threads = []
+
+    def meanwhile(texts):
+        """The journal was read just now; another process takes somebody out of the study."""
+        thread = threading.Thread(target=withdraw_in_another_process, args=(study, "person-5f0a"))
+        threads.append(thread)
+        thread.start()
+        thread.join(6.0)
+        return texts
+
+    read = journal.read
+    monkeypatch.setattr(
+        journal, "read", lambda: read() if threads else meanwhile(read()), raising=True
+    )
+    restore(storage, journal, lambda *_: (), 5.0)
+    threads[0].join()
+    assert len(storage.sessions()) == 1
+    storage.close()
+    assert b"person-5f0a" not in (study / "responses.jsonl").read_bytes()
+
+
+def withdraw_in_another_process(study, who):
+    command = [sys.executable, "-m", "pourcast", "experiment", "data", str(study)]
+    for _ in range(5):  # "lines cannot be taken out", while the others take long
+        if not subprocess.run(
+            [*command, "--withdraw", who], check=False, capture_output=True
+        ).returncode:
+            return
+
+
+def test_a_session_that_another_command_restored_meanwhile_is_left_as_it_is(study, monkeypatch):
+    with server(study) as api:
+        api.run(api.begin().json())
+    before = everything(study)
+    delete_database(study)
+    one, other = Storage.of_study(study), Storage.of_study(study)
+    journal = Journal.of_study(study)
+    # Both look for the session before either has it.
+    look = Storage.session_with_key
+    monkeypatch.setattr(
+        Storage, "session_with_key",
+        lambda storage, key: None if storage is other else look(storage, key),
+    )  # fmt: skip
+    for storage in (one, other):
+        import_records(study / "responses.jsonl", storage, journal, lambda *_: (), 5.0)
+        storage.close()
+    monkeypatch.undo()
+    same(before, everything(study))
+
+
+@pytest.mark.parametrize("name", ["what?study", "50%20off", "a#b&c=d"])
+def test_a_database_lies_in_its_folder_whatever_that_is_called(template, tmp_path, name):
+    study = shutil.copytree(template, tmp_path / name)
+    with server(study) as api:
+        api.run(api.begin().json())
+    assert (study / "responses.sqlite").is_file()
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert call("status", study) == 0
+    assert len(collected_responses(study / "responses.sqlite")) == 6
+
+
+@pytest.mark.parametrize("number", [2**31, 2**63 - 1, 2**63, 10**30, -1])
+def test_a_number_that_no_database_has_stops_nobody(study, number, caplog):
+    with server(study) as api:
+        api.run(api.begin().json())
+    journal = study / "responses.jsonl"
+    journal.write_text(journal.read_text().replace('"number":1,', f'"number":{number},'))
+    delete_database(study)
+    with server(study) as api:
+        assert api.begin("request-2").status_code == 201
+        assert len(api.storage.records()) == 14
+    assert "number: Input should be" in caplog.text
+
+
+def test_a_server_says_when_its_journal_has_another_studys_lines(study, template, tmp_path, caplog):
+    other = shutil.copytree(template, tmp_path / "other")
+    for one in (study, other):
+        with server(one) as api:
+            api.run(api.begin(f"request-{one.name}").json())
+    with (study / "responses.jsonl").open("ab") as stream:
+        stream.write((other / "responses.jsonl").read_bytes())
+    with server(study):
+        pass
+    assert "the secrets of another database" in caplog.text

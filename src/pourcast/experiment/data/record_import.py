@@ -6,6 +6,7 @@ changes nothing. `storage.record_lines` says what the lines are.
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
@@ -40,8 +41,10 @@ _Key = Annotated[str, StringConstraints(min_length=8, max_length=100)]
 _Time = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 _Value = tuple[Place, Any]
 
-_MOST_SESSIONS = 10**9
-"""No study has more; a number above is not one of ours."""
+_LARGEST = 10**9
+"""No number of ours is larger, and databases take those that follow."""
+
+_Number = Annotated[int, Field(ge=0, le=_LARGEST)]
 
 _BATCH = 1000
 """Records that are saved in one transaction, at most."""
@@ -69,9 +72,9 @@ class _Opening(_Content):
     schema_version: int = Field(default=1, le=SCHEMA_VERSION)
     entry: str = Field(default="static", max_length=20)
     identifiers: dict[str, str] = Field(default_factory=dict, max_length=20)
-    group: int | None = Field(default=None, ge=0)
-    place: int | None = Field(default=None, ge=0)
-    number: int = Field(default=0, ge=0, le=_MOST_SESSIONS)
+    group: _Number | None = None
+    place: _Number | None = None
+    number: _Number = 0
     request: str = ""
     participant: str = ""
     code: str = ""
@@ -87,8 +90,8 @@ class _Line(_Content):
     session: _Key
     seq: int = Field(ge=0)
     kind: Kind | None = None
-    group: int | None = Field(default=None, ge=0)
-    place: int | None = Field(default=None, ge=0)
+    group: _Number | None = None
+    place: _Number | None = None
     phase: str = ""
     trial: int = 0
     block: int = 0
@@ -169,11 +172,13 @@ def import_records(
     importer = _Importer(storage, schedule, now)
     faults = importer.faults
     is_own = path.resolve() == journal.path.resolve()
-    files = [(str(path), journal.read())] if is_own else list(answer_files(path, faults))
-    values = [value for name, content in files for value in json_values(name, content, faults)]
-    summary = importer.take_in(values)
-    if is_own:
-        _renew_old(journal, storage, values, faults.lines(str(path)))
+    # Who withdraws, or declines, meanwhile is taken out of the journal first: not before this ends.
+    with journal.held() if is_own else nullcontext():
+        files = [(str(path), journal.read())] if is_own else list(answer_files(path, faults))
+        values = [value for name, content in files for value in json_values(name, content, faults)]
+        summary = importer.take_in(values)
+        if is_own:
+            _renew_old(journal, storage, values, faults.lines(str(path)))
     journal.catch_up(storage.journal_lines())
     return summary
 
@@ -185,9 +190,10 @@ def restore(storage: Storage, journal: Journal, schedule: Schedule, now: float) 
     """
     importer = _Importer(storage, schedule, now)
     name = str(journal.path)
-    values = list(json_values(name, journal.read(), importer.faults))
-    summary = importer.take_in(_lacking(values, storage))
-    _renew_old(journal, storage, values, importer.faults.lines(name))
+    with journal.held():  # as in `import_records`
+        values = list(json_values(name, journal.read(), importer.faults))
+        summary = importer.take_in(_lacking(values, storage))
+        _renew_old(journal, storage, values, importer.faults.lines(name))
     return summary
 
 
@@ -281,7 +287,7 @@ class _Importer:
         if head.get("secret") == self.storage.words["secret"]:
             self._is_own = True
             last = head.get(LAST)
-            if isinstance(last, int) and 0 < last <= _MOST_SESSIONS:
+            if isinstance(last, int) and 0 < last <= _LARGEST:
                 self.storage.count_from(last)
             return
         self.faults.add(

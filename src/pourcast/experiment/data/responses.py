@@ -88,11 +88,12 @@ def _collected(database: Path) -> pd.DataFrame:
     """Test trials in an experiment's database; of simulated observers only if they are alone."""
     require_extra("experiment")
     from pourcast.experiment.data.tables import trials_table  # noqa: PLC0415 - needs the extra
+    from pourcast.experiment.storage.database import file_url  # noqa: PLC0415
     from pourcast.experiment.storage.storage import Storage  # noqa: PLC0415
 
     if not database.is_file():
         raise InputError(f"{database}: not there")
-    storage = Storage(f"sqlite:///{database}")
+    storage = Storage(file_url(database))
     try:
         trials = trials_table(storage, trajectories=False)
     finally:

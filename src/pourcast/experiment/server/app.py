@@ -162,7 +162,7 @@ def create_app(
             Route("/", api.page),
             Route("/api/sessions", api.begin, methods=["POST"]),
             Route("/api/session/resume", api.resume, methods=["POST"]),
-            Route("/api/session/records/{seq:int}", api.save, methods=["PUT"]),
+            Route("/api/session/records/{seq}", api.save, methods=["PUT"]),
             Route("/api/session/finish", api.finish, methods=["POST"]),
             Route("/media/{name}", api.media),
             Mount("/assets", _Forever(directory=DIST / "assets")),
@@ -231,12 +231,12 @@ class _Api:
 
     async def save(self, request: Request) -> Response:
         """Save a record. The answer is sent when the database has it on the disk."""
-        token = _token(request)
+        token, step = _token(request), request.path_params["seq"]
         content = await _parsed(request, _RecordContent)
         try:
-            result = await self.experiment.save(
-                token, request.path_params["seq"], content.body, content.tab
-            )
+            if not re.fullmatch("[0-9]{1,9}", step):
+                raise NoSuchStepError(step)
+            result = await self.experiment.save(token, int(step), content.body, content.tab)
         except NoSuchStepError:
             raise HTTPException(404, "no such step") from None
         except ValidationError as error:

@@ -53,6 +53,7 @@ _HOUR = 3600.0
 _LARGEST_BATCH = 256
 _MOST_WAITING = 20000
 _REMEMBERED = 5000
+_MOST_MESSAGES = 20
 
 _JOURNAL_RETRY = 10.0
 """After so long what the journal could not take is tried again [s]."""
@@ -142,6 +143,9 @@ class LiveExperiment:
                 restored.opened,
                 restored.new,
             )
+            # Such as that they are another study's.
+            for message in restored.messages[:_MOST_MESSAGES]:
+                LOGGER.warning("%s", message)
 
     @property
     def failures(self) -> list[str]:
@@ -453,8 +457,9 @@ class LiveExperiment:
 
     def _append_to_journal(self, lines: Iterable[Line]) -> None:
         """Append what the database has by now; a journal that somebody took away is told of."""
-        if not self._look_after_journal():
-            lines = self.journal.missing(lines)
+        with contextlib.suppress(StoreError):  # can't be read: appending fails, too, and is told of
+            if not self._look_after_journal():
+                lines = self.journal.missing(lines)
         self.journal.append(lines)
         self._journal_identity = self._identity_of_journal()
 

@@ -20,11 +20,22 @@ _NETWORK_FILE_SYSTEMS = frozenset(
 )  # fmt: skip
 """File systems on which SQLite's write-ahead log is not safe."""
 
+_DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+_HOW_TO_REPLACE = (
+    "; the file is damaged: end the server, move it away together with those of its name that end "
+    "in -wal and -shm, and start the server: it makes the database again from responses.jsonl"
+)
+
 BUSY_TIMEOUT = 10_000
 """So long SQLite waits for others who use the database [ms]."""
 
 
-def database_url(text: str) -> sa.URL:
+def file_url(path: Path) -> sa.URL:
+    """URL of SQLite's file, whatever is in its name."""
+    return sa.URL.create("sqlite", database=str(path))
+
+
+def database_url(text: str | sa.URL) -> sa.URL:
     """A database's URL, checked.
 
     Raises
@@ -67,9 +78,7 @@ def server_engine(url: sa.URL) -> sa.Engine:
 
 def file_engine(file: DatabaseFile) -> sa.Engine:
     """Connect to SQLite's file, so that nothing is lost."""
-    engine = sa.create_engine(
-        sa.URL.create("sqlite", database=str(file.path)), hide_parameters=True
-    )
+    engine = sa.create_engine(file_url(file.path), hide_parameters=True)
 
     def connect(_: Any, __: Any, arguments: list[Any], options: dict[str, Any]) -> None:
         arguments[:] = [file.uri]
@@ -116,7 +125,8 @@ def error_text(error: BaseException) -> str:
     """What the database said, in one line; not the values that it quotes, which are people's."""
     cause = getattr(error, "orig", None) or error
     said = getattr(getattr(cause, "diag", None), "message_primary", None) or cause
-    return " ".join(str(said).split())
+    is_damaged = getattr(cause, "sqlite_errorcode", 0) & 0xFF in _DAMAGED
+    return " ".join(str(said).split()) + (_HOW_TO_REPLACE if is_damaged else "")
 
 
 def write_anew(connection: sa.Connection) -> None:

@@ -122,7 +122,7 @@ class Journal:
             If the file can't be read.
         """
         try:
-            with self._locked_if_possible():
+            with self.held():
                 return self.path.read_bytes()
         except FileNotFoundError:
             return b""
@@ -218,8 +218,11 @@ class Journal:
                 temporary.write_bytes(content)
 
     @contextmanager
-    def _locked_if_possible(self) -> Iterator[None]:
-        """Wait for who writes; where no lock can be made, as in a read-only copy, nobody does."""
+    def held(self) -> Iterator[None]:
+        """Let nobody else change the file, and nobody be taken out of it, who waits for that.
+
+        Where no lock can be made, as in a read-only copy, nobody changes it.
+        """
         locked = False
         with suppress(OSError, Timeout):
             self._lock.acquire(timeout=_LONGEST_WAIT)

@@ -21,6 +21,7 @@ from pourcast.experiment.storage.database import (
     database_url,
     error_text,
     file_engine,
+    file_url,
     refuse_network_file_system,
     server_engine,
     shown_url,
@@ -123,7 +124,7 @@ class Storage:
         If the database can't be reached.
     """
 
-    def __init__(self, url: str, words: Callable[[], Mapping[str, str]] = dict) -> None:
+    def __init__(self, url: str | sa.URL, words: Callable[[], Mapping[str, str]] = dict) -> None:
         self.url = database_url(url)
         self.shown_url = shown_url(self.url)
         self._file: DatabaseFile | None = None
@@ -143,7 +144,7 @@ class Storage:
     @classmethod
     def of_study(cls, study: Path, url: str | None = None) -> "Storage":
         """The study's database: the one given, or SQLite in its folder."""
-        return cls(url or f"sqlite:///{study / DATABASE}", partial(journal_words, study / JOURNAL))
+        return cls(url or file_url(study / DATABASE), partial(journal_words, study / JOURNAL))
 
     @property
     def secret(self) -> bytes:
@@ -333,9 +334,13 @@ class Storage:
     ) -> Session:
         """A session that was run elsewhere, or that a lost database had, with its tokens' digests.
 
-        It keeps its number if nobody has it. `browsers` are those that took turns with it.
+        It keeps its number if nobody has it. `browsers` are those that took turns with it. One that
+        another command has restored meanwhile is left as it is.
         """
         with self._writing() as connection:
+            known = session_by_key(connection, session.key)
+            if known is not None:
+                return known
             number = restore_session(connection, session, tokens, browsers)
             restored = session_by_number(connection, number)
             assert restored is not None
