@@ -50,9 +50,10 @@ _BATCH = 1000
 """Records that are saved in one transaction, at most."""
 
 _UNPLACED = (
-    "left out: no line opens its session, and none of its lines says which group and place it had; "
-    'if you know them, put {{"format":"pourcast-records","session":"{key}","group":GROUP,'
-    '"place":PLACE}} (both counted from 0) into the file, and import it again'
+    "left out: {unopened}, and none of its lines says which group and place it had; perhaps they "
+    "are another study's; if they are this one's, and you know both, put "
+    '{{"format":"pourcast-records","session":"{key}","group":GROUP,"place":PLACE}} '
+    "(both counted from 0) into the file, and import it again"
 )
 
 _SHOWN = ("phase", "trial", "block", "liquid", "scene", "mirrored")
@@ -313,8 +314,9 @@ class _Importer:
         """A session that the database has not, put into it; None if nobody can tell its steps."""
         placed = self._placed(run)
         if placed is None:
+            unopened = "its session is left out" if run.openings else "no line opens its session"
             for place, _ in run.records:
-                self.faults.add(place, _UNPLACED.format(key=key))
+                self.faults.add(place, _UNPLACED.format(unopened=unopened, key=key))
             return None
         group, place_number, steps = placed
         opening = run.opening

@@ -32,6 +32,7 @@ from pourcast.experiment.storage.database_file import (
     can_be_written,
     in_memory,
     keep_copy,
+    remedy,
 )
 from pourcast.experiment.storage.endings import Ending, finish_session
 from pourcast.experiment.storage.failures import LOGGER
@@ -256,9 +257,17 @@ class Storage:
                 if self._file is not None:
                     self._file.check(is_open=True)
         except sa.exc.SQLAlchemyError as error:
-            raise StoreError(f"{self.shown_url}: {error_text(error)}") from None
+            raise StoreError(
+                f"{self.shown_url}: {error_text(error)}{self._remedy(error)}"
+            ) from None
         if self._file is not None:
             self._file.check()
+
+    def _remedy(self, error: sa.exc.SQLAlchemyError) -> str:
+        cause = getattr(error, "orig", None)
+        if self._file is None or not isinstance(cause, sqlite3.Error):
+            return ""
+        return remedy(self._file.path, cause)
 
     def _reading(self) -> AbstractContextManager[sa.Connection]:
         return self._transaction()
