@@ -157,21 +157,6 @@ def test_a_log_that_is_deleted_is_told_to_who_looks_at_the_study(tmp_path, capsy
         assert "responses.sqlite-wal was deleted: end the server" in capsys.readouterr().err
 
 
-def test_a_damaged_database_says_how_it_is_made_again(tmp_path, capsys):
-    study = small_study(tmp_path / "study")
-    with api_of(study) as api:
-        told = api.begin().json()
-        api.put(told, 0, answer("consent"))
-    path = study / "responses.sqlite"
-    path.write_bytes(b"damaged" + path.read_bytes()[7:])
-    assert cli.run(["experiment", "status", str(study)]) == 1
-    assert "it is damaged: end the server if it runs, move" in capsys.readouterr().err
-    delete(path)
-    with api_of(study) as api:
-        assert [r.seq for r in api.storage.records()] == [0]
-        assert api.put(told, 1, answer("check")).json()["saved"] == "new"
-
-
 @pytest.mark.parametrize("how", ["deleted", "emptied", "replaced"])
 def test_a_journal_that_is_taken_away_is_written_anew_and_told_of(tmp_path, how, caplog):
     study = small_study(tmp_path / "study")

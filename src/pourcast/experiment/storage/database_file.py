@@ -97,12 +97,6 @@ def remedy(path: Path, error: sqlite3.Error) -> str:
     """What to do where SQLite's own words don't tell; empty where they do."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     log, index = (Path(f"{path}{end}") for end in ("-wal", "-shm"))
-    if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
-        return (
-            f"; it is damaged: end the server if it runs, move {path.name} out of the study, "
-            f"{log.name} and {index.name} too if they are there, and start the server: it makes "
-            "the database again from responses.jsonl"
-        )
     # SQLite has just made an empty one, if there was none.
     has_log = log.exists() and log.stat().st_size > 0
     if code == sqlite3.SQLITE_IOERR and index.exists() and not has_log:
