@@ -142,6 +142,15 @@ class LiveExperiment:
                 restored.opened,
                 restored.new,
             )
+        if restored.left_out:
+            LOGGER.warning(
+                "%s: %s lines could not be taken in, and stay as they are; "
+                "`pourcast experiment data %s --import %s` names each, and says why",
+                self.journal.path,
+                restored.left_out,
+                self.study,
+                self.journal.path,
+            )
 
     @property
     def failures(self) -> list[str]:
