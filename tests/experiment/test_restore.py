@@ -508,6 +508,26 @@ def test_a_line_that_is_damaged_stays_through_all_of_it(study, caplog):
     assert b"\xff\x00 rubbish" in journal.read_bytes()
 
 
+def test_a_line_that_fits_nothing_is_told_of_at_the_start_and_in_status(study, caplog, capsys):
+    with server(study) as api:
+        collect(api)
+        key = api.storage.sessions()[0].key
+    with (study / "responses.jsonl").open("a") as journal:
+        for line in ({"session": "k" * 32}, {"session": key}):
+            journal.write(json.dumps(line | {"seq": 99, "body": {"rt": 1.0}}) + "\n")
+    with server(study):
+        assert "responses.jsonl: 2 lines could not be taken in, and stay as they are" in caplog.text
+    capsys.readouterr()
+    assert call("status", study) == 0
+    said = capsys.readouterr().out
+    assert (
+        "2 records are in responses.jsonl alone, and not in the database; the server takes in"
+        in said
+    )
+    assert call("data", study, "--import", study / "responses.jsonl") == 1
+    assert "left out: seq: expected below" in capsys.readouterr().err
+
+
 def test_without_its_opening_line_a_session_is_restored_from_its_records(study):
     with server(study) as api:
         collect(api)

@@ -415,11 +415,6 @@ class Storage:
             known = session_by_number(connection, session)
             return known is not None and reopen_session(connection, known, places, now)
 
-    def claim(self, session: int, tab: str, now: float) -> None:
-        """Give a session to a browser tab; any other is told so."""
-        with self._writing() as connection:
-            claim_session(connection, session, tab, now)
-
     def end(self, session: int, state: str) -> None:
         """Say how a session ended. One that is complete stays so."""
         with self._writing() as connection:
