@@ -157,6 +157,20 @@ def test_a_log_that_is_deleted_is_told_to_who_looks_at_the_study(tmp_path, capsy
         assert "responses.sqlite-wal was deleted: end the server" in capsys.readouterr().err
 
 
+def test_a_log_that_another_program_made_anew_is_not_taken_for_ours(tmp_path):
+    study = small_study(tmp_path / "study")
+    with api_of(study) as api:
+        told = api.begin().json()
+        api.put(told, 0, answer("consent"))
+        other = study / "other-wal"
+        other.touch()
+        other.replace(study / "responses.sqlite-wal")  # before the server could look
+        assert api.put(told, 1, answer("check")).status_code == 503
+        assert "write-ahead log responses.sqlite-wal was deleted" in api.experiment.failures[0]
+    with api_of(study) as api:
+        assert [r.seq for r in api.storage.records()] == [0]
+
+
 @pytest.mark.parametrize("how", ["deleted", "emptied", "replaced"])
 def test_a_journal_that_is_taken_away_is_written_anew_and_told_of(tmp_path, how, caplog):
     study = small_study(tmp_path / "study")

@@ -45,6 +45,7 @@ class DatabaseFile:
             self._identity = _identity(os.stat(path))
         except OSError as error:
             raise StoreError(f"{path}: cannot be opened ({error.strerror or error})") from None
+        self._log: tuple[int, int] | None = None
         self._lost_log = False
         self.has_log = False
         """Whether SQLite keeps a write-ahead log beside it while a connection is open."""
@@ -83,14 +84,27 @@ class DatabaseFile:
                 f"{self.path}: was made read-only while it was open; nothing is saved until it can "
                 "be written"
             )
-        # Once it was away, one of its name may be another program's: only a new start can tell.
-        self._lost_log |= is_open and self.has_log and not Path(f"{self.path}-wal").exists()
+        # Once it was away, one of its name is another program's.
+        self._lost_log |= is_open and self.has_log and not self._has_its_log()
         if self._lost_log:
             raise TakenAwayError(
                 f"{self.path}: its write-ahead log {self.path.name}-wal was deleted while it was "
                 "open; nothing is saved until the server is ended (Ctrl-C: it writes what the log "
                 "held) and started again"
             )
+
+    def close(self) -> None:
+        """Say that no connection is open any more: the next one makes a log of its own."""
+        self._log = None
+
+    def _has_its_log(self) -> bool:
+        """Whether the write-ahead log is there, and the one that the open connections write to."""
+        try:
+            found = _identity(os.stat(f"{self.path}-wal"))
+        except OSError:
+            return False
+        self._log = self._log or found
+        return found == self._log
 
 
 def remedy(path: Path, error: sqlite3.Error) -> str:

@@ -199,6 +199,7 @@ class Storage:
                 make_tables(connection)
         elif version < SCHEMA and self._file is not None:
             self.engine.dispose()
+            self._file.close()
             self._migrate_file(self._file, version)
         elif version < SCHEMA:
             with self._transaction(writes=True) as connection:
