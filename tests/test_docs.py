@@ -1,5 +1,6 @@
 """Every command and every snippet of the documentation runs."""
 
+import json
 import re
 import shlex
 import shutil
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 import urllib.request
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,22 @@ CYCLES_LINE = (
 def snippets(page):
     """(language, text) of the fenced blocks of a page."""
     return re.findall(r"^```(\w+)\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+WITHDRAWS = {
+    "format": "pourcast-records", "session": "0123456789abcdef", "group": 0, "place": 0,
+    "identifiers": {"PROLIFIC_PID": "5f0c1e9ab3d4e5f60718293a"},
+}  # fmt: skip
+"""The first line of somebody whom the guide lets withdraw."""
+
+
+def bring_answers():
+    """The files that the guide takes answers in from: the pilot's own, and who withdraws."""
+    for name in ("answers.jsonl", "osf-folder/one.json"):
+        Path(name).parent.mkdir(exist_ok=True)
+        shutil.copyfile("pilot/responses.jsonl", name)
+    with zipfile.ZipFile("results.jrzip", "w") as archive:
+        archive.writestr("comp-result_1/data.txt", json.dumps(WITHDRAWS))
 
 
 def serve(arguments):
@@ -88,6 +106,8 @@ def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
         for line in text.splitlines() if language == "sh" else ():
             if line in (*LONG_LINES, CYCLES_LINE) or "convnet" in line:  # see tests/networks
                 continue
+            if "--import answers.jsonl" in line:
+                bring_answers()
             if line.startswith("pourcast experiment serve") and "--check" not in line:
                 serve(shlex.split(line)[3:])
             elif line.startswith("pourcast "):

@@ -170,6 +170,17 @@ def test_a_page_without_its_script_is_not_empty(experiment, browser, fault, sent
     someone.close()
 
 
+def test_without_javascript_the_page_says_so_where_it_is_seen(experiment, browser):
+    _, link = experiment
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(link)
+    assert page.inner_text("noscript p").startswith("This study needs JavaScript.")
+    box = page.locator("noscript p").bounding_box()
+    assert box["y"] + box["height"] < page.viewport_size["height"] / 2
+    context.close()
+
+
 BREAKS_WHEN_IT_KEEPS = """() => {
   const has = Map.prototype.has;
   Map.prototype.has = function (key) {
@@ -239,7 +250,7 @@ def test_a_server_that_refuses_answers_is_not_called_unreachable(experiment, bro
     someone.go_on()
     assert someone.page.get_attribute("#page", "data-state") == "refused"
     said = someone.page.inner_text("#page")
-    assert "Your answers were not taken: broken, status 413." in said
+    assert "Your answers were not taken: status 413." in said
     someone.page.unroute("**/api/session/records/*")
     # Loaded again, after somebody has seen to it, all of it is sent, and nothing asked again.
     someone.page.reload()

@@ -148,6 +148,15 @@ def test_a_log_that_is_deleted_stops_all_and_a_restart_has_everything(tmp_path):
         assert api.put(told, 1, answer("check")).json()["saved"] == "new"
 
 
+def test_a_log_that_is_deleted_is_told_to_who_looks_at_the_study(tmp_path, capsys):
+    study = small_study(tmp_path / "study")
+    with api_of(study) as api:
+        api.begin()
+        (study / "responses.sqlite-wal").unlink()
+        assert cli.run(["experiment", "status", str(study)]) == 1
+        assert "responses.sqlite-wal was deleted: end the server" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("how", ["deleted", "emptied", "replaced"])
 def test_a_journal_that_is_taken_away_is_written_anew_and_told_of(tmp_path, how, caplog):
     study = small_study(tmp_path / "study")

@@ -426,6 +426,16 @@ def _stimulus(step):
     return {"stimulus": names[step.kind]} if step.kind in names else {}
 
 
+def test_a_file_of_another_study_is_said_to_be_perhaps_one(study):
+    first = {"format": "pourcast-records", "session": KEY}
+    lines = [{"session": KEY, "seq": step.seq, "body": answer(step.kind)} for step in study.steps()]
+    summary = study.take(json.dumps([first, *lines]))
+    assert (summary.opened, summary.left_out, len(summary.messages)) == (0, 15, 2)
+    assert "item 1: left out: session: not one of this study's" in summary.messages[0]
+    assert "item 2 to 15: left out: its session is left out" in summary.messages[1]
+    assert "perhaps they are another study's" in summary.messages[1]
+
+
 def test_a_run_that_nobody_can_place_says_how_to_place_it(study):
     lines = [{"session": KEY, "seq": step.seq, "body": answer(step.kind)} for step in study.steps()]
     summary = study.take(text_of(*lines))

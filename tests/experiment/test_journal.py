@@ -96,7 +96,7 @@ def test_failures_are_counted_and_logged_once_of_a_kind(tmp_path, full_disk, cap
     full_disk.free()
     journal.retry()
     assert (journal.waiting, journal.failures.current) == (0, "")
-    assert "works again (4 failures so far)" in caplog.records[-1].message
+    assert "works again (failures so far: 4)" in caplog.records[-1].message
     assert [line["seq"] for line in journal.lines()] == [0, 1, 2, 3]
     # The next time is told of again.
     full_disk.fill()

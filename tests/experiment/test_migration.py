@@ -70,7 +70,7 @@ def rows(kind):
     for number in (1, 2, 3):
         names = ["request", "participant", "entry", "identifiers", "group_number", "place",
                  "state", "tab", "code", "plan", "started", "last_seen"]  # fmt: skip
-        values = [f"request-{number}", f"lab-{number}", "lab", '{"participant": "Ann"}', 0, number,
+        values = [f"request-{number}", f"lab-{number}", "lab", f'{{"participant": "Person number {number}"}}', 0, number,
                   "open", "tab-00000001", f"CODE{number}", plan, 50.0, 60.0]  # fmt: skip
         if "key" in kind:
             names, values = [*names, "key"], [*values, f"key-{number}"]
@@ -181,13 +181,14 @@ def test_the_file_as_it_was_is_kept_and_overwrites_nothing(old_file):
     assert kept.stat().st_mode & 0o077 == 0
 
 
-def test_who_withdraws_is_taken_out_of_the_copy_that_was_kept_too(tmp_path):
+def test_who_withdraws_is_taken_out_of_the_copy_that_was_kept_too(tmp_path, capsys):
     study = small_study(tmp_path)
     make_old(study / "responses.sqlite", KINDS["counting"])
     kept = study / "responses-schema-1.sqlite"
     Storage.of_study(study).close()
     assert [row[2] for row in sessions_in(kept)] == ["lab-1", "lab-2"]
-    assert cli.run(["experiment", "data", str(study), "--withdraw", "lab-1"]) == 0
+    status = cli.run(["experiment", "data", str(study), "--withdraw", "lab-1"])
+    assert status == 0, capsys.readouterr()
     for path in (kept, study / "responses.sqlite"):
         assert len(sessions_in(path)) == 1
         assert b"lab-1" not in path.read_bytes()

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import pandas as pd
 import pytest
@@ -215,6 +215,27 @@ def test_who_withdrew_does_not_come_back(study, capsys):
         pass
     assert same(everything(study), before)
     assert "person-5f0" not in (study / "responses.jsonl").read_text()
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+def test_a_number_of_who_withdrew_is_nobody_elses_in_a_new_database(study, kind, request):
+    """Nor that of who withdrew, or declined, last."""
+    with server(study) as api:
+        collect(api)
+        last = api.begin("request-last", link={"lab": link_key(api.storage.secret, "lab")}).json()
+        declines = api.begin(
+            "request-more", link={"lab": link_key(api.storage.secret, "lab")}
+        ).json()
+        numbers = [one.number for one in api.storage.sessions()]
+        api.post(declines, "finish", state="declined")
+    assert call("data", study, "--withdraw", last["participant"]) == 0
+    with Storage.of_study(study).engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT max(id) FROM sessions").scalar() < numbers[-2]
+    delete_database(study)
+    new = None if kind == "sqlite" else fresh_database(request.getfixturevalue("postgresql"))
+    with new or nullcontext() as url, server(study, url) as api:
+        api.begin("request-new")
+        assert max(one.number for one in api.storage.sessions()) == numbers[-1] + 1
 
 
 @pytest.mark.parametrize("command", ["status", "data"])
@@ -485,6 +506,26 @@ def test_a_line_that_is_damaged_stays_through_all_of_it(study, caplog):
     assert call("data", study, "--withdraw", participant) == 0
     assert key.encode() not in journal.read_bytes()
     assert b"\xff\x00 rubbish" in journal.read_bytes()
+
+
+def test_a_line_that_fits_nothing_is_told_of_at_the_start_and_in_status(study, caplog, capsys):
+    with server(study) as api:
+        collect(api)
+        key = api.storage.sessions()[0].key
+    with (study / "responses.jsonl").open("a") as journal:
+        for line in ({"session": "k" * 32}, {"session": key}):
+            journal.write(json.dumps(line | {"seq": 99, "body": {"rt": 1.0}}) + "\n")
+    with server(study):
+        assert "responses.jsonl: 2 lines could not be taken in, and stay as they are" in caplog.text
+    capsys.readouterr()
+    assert call("status", study) == 0
+    said = capsys.readouterr().out
+    assert (
+        "2 records are in responses.jsonl alone, and not in the database; the server takes in"
+        in said
+    )
+    assert call("data", study, "--import", study / "responses.jsonl") == 1
+    assert "left out: seq: expected below" in capsys.readouterr().err
 
 
 def test_without_its_opening_line_a_session_is_restored_from_its_records(study):

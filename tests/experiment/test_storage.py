@@ -104,8 +104,8 @@ def test_a_platform_session_goes_on_and_a_second_one_is_refused(storage):
 
 
 def test_a_tab_that_lost_the_session_is_told_and_its_record_saved(storage):
-    session, _, _ = begin(storage, "r1")
-    storage.claim(session.number, "tab-new", 150.0)
+    session, token, _ = begin(storage, "r1")
+    storage.resume(token, "tab-new", places=None, largest_gap=1e9, now=150.0)
     old = record(session, tab="tab-00000000")
     assert storage.save([old]) == [SaveResult("new", superseded=True)]
     assert storage.save([record(session, 1, tab="tab-new")]) == [

@@ -151,6 +151,8 @@ class Walk(RuleBasedStateMachine):
             browser = self.browsers[slot] = self._browser(kinds[self.counts["browser"] % 4], 0)
         if not browser.token:
             self._begin(browser, HEARD)
+            # While the place is theirs alone: whoever was given up may come back to it next.
+            self.oracle.check()
         return browser
 
     # Requests ------------------------------------------------------------------------

@@ -74,8 +74,8 @@ class Overview:
         if self.missing_in_database:
             lines.append(
                 f"{self.missing_in_database} records are in {JOURNAL} alone, and not in the "
-                "database; the server takes them in when it starts, and `pourcast experiment data "
-                f"STUDY --import STUDY/{JOURNAL}` does"
+                "database; the server takes in what it can when it starts, and so does `pourcast "
+                f"experiment data STUDY --import STUDY/{JOURNAL}`, which names what it can't"
             )
         if self.missing_in_journal:
             lines.append(

@@ -26,6 +26,7 @@ from pourcast.experiment.storage.record_lines import (
     CHANGES,
     FORMAT,
     JOURNAL_FORMAT,
+    LAST,
     SCHEMA_VERSION,
     dumps,
     is_line,
@@ -38,16 +39,21 @@ from pourcast.experiment.storage.storage import Storage
 
 _Key = Annotated[str, StringConstraints(min_length=8, max_length=100)]
 _Time = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-_Number = Annotated[int, Field(ge=0, lt=2**31)]  # as databases have them
 _Value = tuple[Place, Any]
+
+_LARGEST = 10**9
+"""No number of ours is larger, and databases take those that follow."""
+
+_Number = Annotated[int, Field(ge=0, le=_LARGEST)]
 
 _BATCH = 1000
 """Records that are saved in one transaction, at most."""
 
 _UNPLACED = (
-    "left out: no line opens its session, and none of its lines says which group and place it had; "
-    'if you know them, put {{"format":"pourcast-records","session":"{key}","group":GROUP,'
-    '"place":PLACE}} (both counted from 0) into the file, and import it again'
+    "left out: {unopened}, and none of its lines says which group and place it had; perhaps they "
+    "are another study's; if they are this one's, and you know both, put "
+    '{{"format":"pourcast-records","session":"{key}","group":GROUP,"place":PLACE}} '
+    "(both counted from 0) into the file, and import it again"
 )
 
 _SHOWN = ("phase", "trial", "block", "liquid", "scene", "mirrored")
@@ -287,6 +293,9 @@ class _Importer:
         self.storage.take_words(head)
         if head.get("secret") == self.storage.words["secret"]:
             self._is_own = True
+            last = head.get(LAST)
+            if isinstance(last, int) and 0 < last <= _LARGEST:
+                self.storage.count_from(last)
             return
         self.faults.add(
             place,
@@ -311,8 +320,9 @@ class _Importer:
         """A session that the database has not, put into it; None if nobody can tell its steps."""
         placed = self._placed(run)
         if placed is None:
+            unopened = "its session is left out" if run.openings else "no line opens its session"
             for place, _ in run.records:
-                self.faults.add(place, _UNPLACED.format(key=key))
+                self.faults.add(place, _UNPLACED.format(unopened=unopened, key=key))
             return None
         group, place_number, steps = placed
         opening = run.opening

@@ -181,8 +181,8 @@ def read_ids(path: Path) -> frozenset[str]:
 
 def _visible(text: str) -> str:
     """A text without the characters around it that nobody sees."""
-    hidden = "".join({one for one in text if unicodedata.category(one) in ("Cc", "Cf")})
-    return text.strip().strip(hidden).strip()
+    hidden = {one for one in text if one.isspace() or unicodedata.category(one) in ("Cc", "Cf")}
+    return text.strip("".join(hidden))
 
 
 _PLACEHOLDER = re.compile(

@@ -17,7 +17,7 @@ from pourcast.study.folder import study_liquids
 WEB = Path(__file__).parent / "web"
 DIST = WEB / "dist"
 
-_BEFORE = ("reaching", "offline", "silent", "failing", "broken", "unloaded", "old")
+_BEFORE = ("reaching", "offline", "silent", "failing", "broken", "unloaded", "old", "scriptless")
 """Words that the page brings, for when no server has told it any."""
 
 

@@ -143,9 +143,18 @@ class LiveExperiment:
                 restored.opened,
                 restored.new,
             )
-            # Such as that they are another study's.
-            for message in restored.messages[:_MOST_MESSAGES]:
-                LOGGER.warning("%s", message)
+        # Such as that they are another study's.
+        for message in restored.messages[:_MOST_MESSAGES]:
+            LOGGER.warning("%s", message)
+        if restored.left_out:
+            LOGGER.warning(
+                "%s: %s lines could not be taken in, and stay as they are; "
+                "`pourcast experiment data %s --import %s` names each, and says why",
+                self.journal.path,
+                restored.left_out,
+                self.study,
+                self.journal.path,
+            )
 
     @property
     def failures(self) -> list[str]:
@@ -476,8 +485,8 @@ class LiveExperiment:
         self._journal_identity = self._identity_of_journal()
         if missing and before is not None:
             LOGGER.warning(
-                "%s: was deleted, emptied or replaced while the study was served; %s lines that it "
-                "lacked were written again from the database",
+                "%s: was deleted, emptied or replaced while the study was served (a withdrawal "
+                "replaces it, too); %s lines that it lacked were written again from the database",
                 self.journal.path,
                 missing,
             )

@@ -93,6 +93,20 @@ class DatabaseFile:
             )
 
 
+def remedy(path: Path, error: sqlite3.Error) -> str:
+    """What to do where SQLite's own words don't tell; empty where they do."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    log, index = (Path(f"{path}{end}") for end in ("-wal", "-shm"))
+    # SQLite has just made an empty one, if there was none.
+    has_log = log.exists() and log.stat().st_size > 0
+    if code == sqlite3.SQLITE_IOERR and index.exists() and not has_log:
+        return (
+            f"; its write-ahead log {log.name} was deleted: end the server that has it open "
+            "(Ctrl-C: it writes what the log held) and start it again"
+        )
+    return ""
+
+
 def can_be_written(path: Path) -> bool:
     """Whether a database can be used where it lies; one that isn't there is made."""
     return not path.exists() or (os.access(path, os.W_OK) and os.access(path.parent, os.W_OK))

@@ -34,6 +34,6 @@ class Failures:
     def end(self) -> None:
         """Say that the thing works."""
         if self.current:
-            LOGGER.warning("works again (%s failures so far): %s", self.count, self.current)
+            LOGGER.warning("works again (failures so far: %s): %s", self.count, self.current)
         self.current = ""
         self._logged.clear()

@@ -21,6 +21,7 @@ from pourcast.experiment.storage.failures import LOGGER, Failures
 from pourcast.experiment.storage.record_lines import (
     FORMAT,
     JOURNAL_FORMAT,
+    LAST,
     Line,
     dumps,
     is_line,
@@ -202,7 +203,9 @@ class Journal:
 
     def _remove_from_file(self, sessions: Collection[str], marks: Collection[bytes]) -> int:
         texts = self.path.read_bytes().split(b"\n")
-        kept = [text for text in texts if not _is_of(text, sessions, marks)]
+        # No new database gives a number out again that somebody had who is gone.
+        last = max((_last_number(text) for text in texts), default=0)
+        kept = [_with_last(text, last) for text in texts if not _is_of(text, sessions, marks)]
         self.rewrite(b"\n".join(kept))
         return len(texts) - len(kept)
 
@@ -294,6 +297,21 @@ def _parse(text: bytes) -> dict[str, Any] | None:
     except (ValueError, RecursionError):
         return None
     return content if is_line(content) else None
+
+
+def _last_number(text: bytes) -> int:
+    """The number of the session that a line opens, or the last one that a first line tells of."""
+    line = _parse(text) or {}
+    number = line.get(LAST if line.get("format") == JOURNAL_FORMAT else "number")
+    return number if isinstance(number, int) else 0
+
+
+def _with_last(text: bytes, last: int) -> bytes:
+    """A line as it is; a journal's first one with the last number that a session had."""
+    line = _parse(text)
+    if line is None or line.get("format") != JOURNAL_FORMAT:
+        return text
+    return _encoded([line | {LAST: last}]).rstrip(b"\n")
 
 
 def _is_of(text: bytes, sessions: Collection[str], marks: Collection[bytes]) -> bool:

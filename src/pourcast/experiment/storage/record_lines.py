@@ -28,6 +28,9 @@ FORMAT = "pourcast-records"
 JOURNAL_FORMAT = "pourcast-journal"
 """What the first line of a journal calls its format."""
 
+LAST = "last_session"
+"""What the first line of a journal calls the last number of a session, if some are gone."""
+
 SCHEMA_VERSION = 2
 
 CHANGES = ("token", "tab", "browser", "state")
@@ -127,7 +130,7 @@ def is_line(content: object) -> bool:
     if not isinstance(content, dict):
         return False
     if content.get("format") == JOURNAL_FORMAT:
-        return True
+        return all(isinstance(content.get(name), str) for name in ("secret", "admin"))
     if not isinstance(content.get("session"), str):
         return False
     if content.get("format") == FORMAT:

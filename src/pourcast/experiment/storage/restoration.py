@@ -29,16 +29,30 @@ def restore_session(
     result = connection.execute(SESSIONS.insert().values(values))
     key = result.inserted_primary_key
     assert key is not None
-    if "id" in values and connection.dialect.name == "postgresql":
-        # SQLite does so by itself.
-        connection.exec_driver_sql(
-            "SELECT setval(pg_get_serial_sequence('sessions', 'id'), "
-            "greatest((SELECT max(id) FROM sessions), (SELECT last_value FROM sessions_id_seq)))"
-        )
+    if "id" in values:
+        count_from(connection, session.number)
     restore_tokens(connection, int(key[0]), tokens)
     for browser in dict.fromkeys(browsers):
         connection.execute(BROWSERS.insert().values(session=int(key[0]), request=browser))
     return int(key[0])
+
+
+def count_from(connection: sa.Connection, last: int) -> None:
+    """Give new sessions numbers after `last`, and after all that were ever given out."""
+    values = {"last": last}
+    if connection.dialect.name == "postgresql":
+        connection.execute(
+            sa.text(
+                "SELECT setval(pg_get_serial_sequence('sessions', 'id'), "
+                "greatest(:last, (SELECT last_value FROM sessions_id_seq)))"
+            ),
+            values,
+        )
+        return
+    raised = "UPDATE sqlite_sequence SET seq = max(seq, :last) WHERE name = 'sessions'"
+    if not connection.execute(sa.text(raised), values).rowcount:
+        begun = "INSERT INTO sqlite_sequence (name, seq) VALUES ('sessions', :last)"
+        connection.execute(sa.text(begun), values)
 
 
 def restore_tokens(connection: sa.Connection, session: int, digests: Iterable[str]) -> None:

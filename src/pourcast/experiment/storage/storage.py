@@ -32,6 +32,7 @@ from pourcast.experiment.storage.database_file import (
     can_be_written,
     in_memory,
     keep_copy,
+    remedy,
 )
 from pourcast.experiment.storage.endings import Ending, finish_session
 from pourcast.experiment.storage.failures import LOGGER
@@ -56,6 +57,7 @@ from pourcast.experiment.storage.records import (
     saved_steps,
 )
 from pourcast.experiment.storage.restoration import (
+    count_from,
     identify_session,
     restore_session,
     restore_tokens,
@@ -255,9 +257,17 @@ class Storage:
                 if self._file is not None:
                     self._file.check(is_open=True)
         except sa.exc.SQLAlchemyError as error:
-            raise StoreError(f"{self.shown_url}: {error_text(error)}") from None
+            raise StoreError(
+                f"{self.shown_url}: {error_text(error)}{self._remedy(error)}"
+            ) from None
         if self._file is not None:
             self._file.check()
+
+    def _remedy(self, error: sa.exc.SQLAlchemyError) -> str:
+        cause = getattr(error, "orig", None)
+        if self._file is None or not isinstance(cause, sqlite3.Error):
+            return ""
+        return remedy(self._file.path, cause)
 
     def _reading(self) -> AbstractContextManager[sa.Connection]:
         return self._transaction()
@@ -362,6 +372,11 @@ class Storage:
                 set_words(connection, words)
                 self.words = kept_words(connection)
 
+    def count_from(self, last: int) -> None:
+        """Give new sessions numbers after one that a lost database gave out last."""
+        with self._writing() as connection:
+            count_from(connection, last)
+
     def session_of(self, token: str) -> Session | None:
         """Session that a token belongs to, if any."""
         with self._reading() as connection:
@@ -399,11 +414,6 @@ class Storage:
         with self._writing() as connection:
             known = session_by_number(connection, session)
             return known is not None and reopen_session(connection, known, places, now)
-
-    def claim(self, session: int, tab: str, now: float) -> None:
-        """Give a session to a browser tab; any other is told so."""
-        with self._writing() as connection:
-            claim_session(connection, session, tab, now)
 
     def end(self, session: int, state: str) -> None:
         """Say how a session ended. One that is complete stays so."""

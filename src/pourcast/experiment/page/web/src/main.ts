@@ -56,8 +56,13 @@ function troubleOf(error: unknown): Trouble {
 /** What happened, as part of a sentence; of a defect, what whoever reads it can tell us. */
 function causeOf(error: unknown): string {
   if (error instanceof Unreachable) return error.message;
-  const said = error instanceof Refused ? error.text || `${error.reason}, status ${error.status}` : String(error);
+  const said = error instanceof Refused ? error.text || wordless(error) : String(error);
   return said.replace(/[.\s]+$/, "");
+}
+
+/** A refusal that came without words, as from a proxy: its status tells more than that it is one. */
+function wordless({ reason, status }: Refused): string {
+  return reason === "broken" ? `status ${status}` : `${reason}, status ${status}`;
 }
 
 /** Asks until somebody answers: for what passes alone, and saying what it is. */
