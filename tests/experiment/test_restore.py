@@ -705,11 +705,13 @@ def test_a_server_says_when_its_journal_has_another_studys_lines(study, template
     other = shutil.copytree(template, tmp_path / "other")
     for one in (study, other):
         with server(one) as api:
-            api.run(api.begin(f"request-{one.name}").json())
+            link = {"lab": key_of(api, "lab"), "participant": "1"}
+            api.run(api.begin(f"request-{one.name}", link=link).json())
     with (study / "responses.jsonl").open("ab") as stream:
         stream.write((other / "responses.jsonl").read_bytes())
-    with server(study):
-        pass
+    with server(study) as api:
+        # Number 1 there is somebody else.
+        assert len({one.participant for one in api.storage.sessions()}) == 2
     assert "the secrets of another database" in caplog.text
 
 

@@ -261,6 +261,8 @@ class _Importer:
         """Whether a server wrote the lines: it tells more than a participant's browser can."""
         self._is_own = False
         """Whether that server had this database's secrets."""
+        self._has_others = False
+        """Whether a server wrote lines that had another database's."""
         self._tells_ends = False
         """Whether the lines tell how sessions ended."""
 
@@ -297,6 +299,7 @@ class _Importer:
             if isinstance(last, int) and 0 < last <= _LARGEST:
                 self.storage.count_from(last)
             return
+        self._has_others = True
         self.faults.add(
             place,
             "left out: the secrets of another database; links that were given away with them "
@@ -375,7 +378,9 @@ class _Importer:
         ids = opening.identifiers if self._is_journal else marked(opening.identifiers)
         # The same person is called the same as in this database, which may have other secrets.
         secret = self.storage.secret
-        link = {"lab": link_key(secret, "lab")} if opening.entry == "lab" else {}
+        # But number 1 in the laboratory is somebody else in another study.
+        is_named = opening.entry == "lab" and self._is_studys and not self._has_others
+        link = {"lab": link_key(secret, "lab")} if is_named else {}
         who = visitor(opening.identifiers | link, secret)
         participant = (who.participant if who else "") or participant
         return replace(
