@@ -9,6 +9,8 @@ from contextlib import closing
 
 import pytest
 
+from pourcast.experiment.data.overview import study_overview
+from pourcast.experiment.data.tables import participants_table
 from pourcast.experiment.server.live_experiment import LiveExperiment
 from pourcast.experiment.storage.storage import Storage
 from tests.experiment.conftest import api_of
@@ -97,6 +99,8 @@ KILLED_AT = """
 import asyncio, os, signal, sys
 from pathlib import Path
 from pourcast.experiment.design.links import visitor
+from pourcast.experiment.data.overview import study_overview
+from pourcast.experiment.data.tables import participants_table
 from pourcast.experiment.server.live_experiment import LiveExperiment
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.storage import Storage
@@ -167,3 +171,16 @@ def test_a_reader_who_held_the_log_up_does_so_for_a_moment_only(tmp_path):
                 break
             until.wait(0.1)
         assert files_with(study, names) == []
+
+
+def test_who_declined_is_in_no_table_before_the_server_starts_again(tmp_path):
+    study = small_study(tmp_path)
+    with api_of(study) as api:
+        link = {"PROLIFIC_PID": "person-5f0a", "STUDY_ID": "s", "SESSION_ID": "s"}
+        told = api.begin("request-2", link=link).json()
+        api.run(api.begin().json())
+    with closing(Storage.of_study(study)) as storage:
+        storage.finish(told["token"], "declined", "tab-00000001")  # and the server is killed
+        assert len(participants_table(storage, identifiers=True)) == 1
+        seen = study_overview(study, storage, 1_700_000_000.0)
+        assert list(seen.states.columns) == ["complete"]

@@ -705,9 +705,58 @@ def test_a_server_says_when_its_journal_has_another_studys_lines(study, template
     other = shutil.copytree(template, tmp_path / "other")
     for one in (study, other):
         with server(one) as api:
-            api.run(api.begin(f"request-{one.name}").json())
+            link = {"lab": key_of(api, "lab"), "participant": "1"}
+            api.run(api.begin(f"request-{one.name}", link=link).json())
     with (study / "responses.jsonl").open("ab") as stream:
         stream.write((other / "responses.jsonl").read_bytes())
+    with server(study) as api:
+        # Number 1 there is somebody else.
+        assert len({one.participant for one in api.storage.sessions()}) == 2
+    assert "the secrets of another database" in caplog.text
+
+
+def test_a_journal_saved_in_another_coding_is_read_as_far_as_it_can_be(study):
+    with server(study) as api:
+        api.run(api.begin().json())
+    journal = study / "responses.jsonl"
+    journal.write_bytes(journal.read_text().encode("utf-16"))
+    delete_database(study)
+    with server(study) as api:
+        api.run(api.begin("request-2").json())
+    before = everything(study)
+    delete_database(study)
     with server(study):
         pass
-    assert "the secrets of another database" in caplog.text
+    same(before | {"words": None}, everything(study) | {"words": None})
+
+
+@pytest.mark.parametrize(
+    "link", [{"PROLIFIC_PID": "person-5f0a", "STUDY_ID": "st"}, {"participant": "anna"}]
+)
+def test_a_journal_without_its_first_line_restores_people_and_open_tabs(study, link):
+    def link_of(api):
+        return link if "PROLIFIC_PID" in link else link | {"lab": key_of(api, "lab")}
+
+    with server(study) as api:
+        told = api.begin(link=link_of(api)).json()
+        for seq in range(4):
+            api.put(told, seq, answer(told["steps"][seq]["kind"]))
+    journal = study / "responses.jsonl"
+    journal.write_bytes(journal.read_bytes().split(b"\n", 1)[1])
+    codes = set()
+    for loss in range(3):
+        delete_database(study)
+        with server(study) as api:
+            # The tab that is still open, and the same person by a link of now.
+            assert (
+                api.put(told, 4 + loss, answer(told["steps"][4 + loss]["kind"])).status_code == 200
+            )
+            assert api.begin(f"request-{loss}", link=link_of(api)).json()["done"][:4] == [
+                0,
+                1,
+                2,
+                3,
+            ]
+            codes |= {one.participant for one in api.storage.sessions()}
+            assert len(api.storage.sessions()) == 1
+    assert len(codes) == 1

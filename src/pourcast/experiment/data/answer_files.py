@@ -24,6 +24,9 @@ _BETWEEN = re.compile(r"[\s,\]\ufeff\x1e]*")
 _NEXT = re.compile(r'\n|\{\s*"(?:format|session|trial_type)"')
 """Where a value may begin again after one that can't be read: the next line, or a line of ours."""
 
+_LINE = re.compile(rb'\{"(?:format|session)":')
+"""What UTF-8 has, and nothing else, where a line of ours begins."""
+
 _ESCAPED = re.compile(r"\\u(?:d[89a-f]|0000)", re.IGNORECASE)
 """What a file has if anything in it may not be storable; most have not, and are read faster."""
 
@@ -165,7 +168,8 @@ def _text(name: str, content: bytes, faults: Faults) -> str:
     try:
         return content.decode(coding or "utf-8")
     except UnicodeDecodeError:
-        if coding or b"\x00" in content:
+        # A server appends UTF-8 to a journal, whatever somebody's editor made of it.
+        if (coding or b"\x00" in content) and not _LINE.search(content):
             faults.add(Place(name), "left out: not a text file")
             return ""
     lines = []

@@ -15,7 +15,13 @@ from pourcast.experiment.design.settings import read_design
 from pourcast.experiment.storage.journal import NAME as JOURNAL
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_lines import FORMAT, line_names, names_of
-from pourcast.experiment.storage.sessions import DECLINED_LATER, DROPPED, OPEN, Session
+from pourcast.experiment.storage.sessions import (
+    DECLINED,
+    DECLINED_LATER,
+    DROPPED,
+    OPEN,
+    Session,
+)
 from pourcast.experiment.storage.storage import Storage
 from pourcast.experiment.storage.visits import REFUSED_BECAUSE
 
@@ -155,7 +161,11 @@ def overview(storage: Storage, journal: Journal, *, stale_before: float = -math.
     heard of before `stale_before` [s since 1970] count as dropped.
     """
     missing_in_journal, missing_in_database = _missing(storage, journal)
-    sessions = [one for one in storage.sessions() if one.entry not in ("preview", "simulation")]
+    sessions = [
+        one
+        for one in storage.sessions()
+        if one.entry not in ("preview", "simulation") and one.state != DECLINED
+    ]
     recruited = {one.number for one in sessions}
 
     def state_of(session: Session) -> str:

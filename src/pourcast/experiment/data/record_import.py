@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from pourcast.errors import one_line
 from pourcast.experiment.data.answer_files import Faults, Place, answer_files, json_values
 from pourcast.experiment.data.old_journal import current_lines, is_old_line
-from pourcast.experiment.design.links import marked, visitor
+from pourcast.experiment.design.links import link_key, marked, visitor
 from pourcast.experiment.design.schedule import OWN_ORDERS
 from pourcast.experiment.design.steps import Kind, Schedule, Step
 from pourcast.experiment.storage.journal import Journal
@@ -170,9 +170,9 @@ def import_records(
         If database or journal fail. What was taken in until then stays, and the same call
         goes on.
     """
-    importer = _Importer(storage, schedule, now)
-    faults = importer.faults
     is_own = path.resolve() == journal.path.resolve()
+    importer = _Importer(storage, schedule, now, is_studys=is_own)
+    faults = importer.faults
     # Who withdraws, or declines, meanwhile is taken out of the journal first: not before this ends.
     with journal.held() if is_own else nullcontext():
         files = [(str(path), journal.read())] if is_own else list(answer_files(path, faults))
@@ -189,7 +189,7 @@ def restore(storage: Storage, journal: Journal, schedule: Schedule, now: float) 
 
     See `import_records`. What the journal lacks is for `Journal.catch_up`.
     """
-    importer = _Importer(storage, schedule, now)
+    importer = _Importer(storage, schedule, now, is_studys=True)
     name = str(journal.path)
     with journal.held():  # as in `import_records`
         values = list(json_values(name, journal.read(), importer.faults))
@@ -245,9 +245,14 @@ class _Importer:
     ----------
     storage, schedule, now
         As for `import_records`.
+    is_studys
+        Whether it is the study's own journal, even where the line that says so was lost.
     """
 
-    def __init__(self, storage: Storage, schedule: Schedule, now: float) -> None:
+    def __init__(
+        self, storage: Storage, schedule: Schedule, now: float, *, is_studys: bool = False
+    ) -> None:
+        self._is_studys = is_studys
         self.storage, self.schedule, self.now = storage, schedule, now
         self.faults = Faults()
         """What was left out."""
@@ -256,6 +261,8 @@ class _Importer:
         """Whether a server wrote the lines: it tells more than a participant's browser can."""
         self._is_own = False
         """Whether that server had this database's secrets."""
+        self._has_others = False
+        """Whether a server wrote lines that had another database's."""
         self._tells_ends = False
         """Whether the lines tell how sessions ended."""
 
@@ -268,7 +275,8 @@ class _Importer:
         heads = [(place, content) for place, content in values if _is_head(content)]
         for place, head in heads:
             self._take_words(place, head)
-        self._is_journal, self._tells_ends = bool(heads) or is_old, bool(heads)
+        is_journal = bool(heads) or (self._is_studys and not is_old)
+        self._is_journal, self._tells_ends = is_journal or is_old, is_journal
         runs = _runs(values, self.faults)
         for key, run in runs.items():
             self._take_in_run(key, run)
@@ -291,6 +299,7 @@ class _Importer:
             if isinstance(last, int) and 0 < last <= _LARGEST:
                 self.storage.count_from(last)
             return
+        self._has_others = True
         self.faults.add(
             place,
             "left out: the secrets of another database; links that were given away with them "
@@ -367,10 +376,13 @@ class _Importer:
         participant = opening.participant if self._is_journal else ""
         # A server has looked at the link before it wrote the line.
         ids = opening.identifiers if self._is_journal else marked(opening.identifiers)
-        if not self._is_own:
-            # The same person is called the same as in this database.
-            who = visitor(opening.identifiers, self.storage.secret)
-            participant = (who.participant if who else "") or participant
+        # The same person is called the same as in this database, which may have other secrets.
+        secret = self.storage.secret
+        # But number 1 in the laboratory is somebody else in another study.
+        is_named = opening.entry == "lab" and self._is_studys and not self._has_others
+        link = {"lab": link_key(secret, "lab")} if is_named else {}
+        who = visitor(opening.identifiers | link, secret)
+        participant = (who.participant if who else "") or participant
         return replace(
             session,
             participant=participant,

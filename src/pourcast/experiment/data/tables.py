@@ -11,7 +11,7 @@ import pandas as pd
 
 from pourcast.experiment.design.steps import Step
 from pourcast.experiment.storage.records import Record
-from pourcast.experiment.storage.sessions import Session
+from pourcast.experiment.storage.sessions import DECLINED, Session
 from pourcast.experiment.storage.storage import Storage
 from pourcast.files import replacing
 
@@ -170,7 +170,12 @@ def identifier_columns(names: Iterable[str]) -> Mapping[str, str]:
 
 
 def _chosen(storage: Storage, *, preview: bool) -> dict[int, Session]:
-    return {one.number: one for one in storage.sessions() if preview or one.entry != "preview"}
+    return {
+        one.number: one
+        for one in storage.sessions()
+        # Those who declined are there only until a server that was killed starts again.
+        if one.state != DECLINED and (preview or one.entry != "preview")
+    }
 
 
 def _who(session: Session) -> dict[str, Any]:
