@@ -117,6 +117,8 @@ def write_copies(study, names):
         (folder / "tables" / "agreement.csv").write_text("model\n")
         (folder / "tables" / "participants.csv").write_text(f"participant\n{names[3]}\n")
         (folder / "figures" / "people.svg").write_text("<svg/>")
+    (study / "numbers").mkdir()
+    (study / "numbers" / "agreement.csv").write_text("model\n")
     (study / "compared").mkdir()
     (study / "compared" / "agreement.csv").write_text("model\n")
     (study / "compared" / "participants.csv").write_text(f"participant\n{names[3]}\n")
@@ -148,6 +150,9 @@ def test_all_that_is_ours_is_cleaned_and_nobody_elses(collected, capsys):
     said = capsys.readouterr().out
     assert [line for line in DELETED if f"deleted: {line}" not in said] == []
     assert f"`pourcast report {study} -o {study / 'report of may'}` makes them again" in said
+    numbers = f"`pourcast compare {study} -o {study / 'numbers'}` makes them again without"
+    assert f"note: numbers: its numbers may be made with this person's answers; {numbers}" in said
+    assert said.count("its numbers may be") == 1
     assert f"look for: {', '.join(sorted([*names[:2], *names[3:5], names[-1]]))}\n" in said
     assert files_with(study, names) == []
     for keep in ("report/my notes.txt", "compared/mine.csv"):

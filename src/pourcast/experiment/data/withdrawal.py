@@ -2,8 +2,9 @@
 
 What is ours is cleaned where it stands: tables, files of records, copies of the database, journal,
 database. What was made of a person's answers, such as a report, is deleted, and it is said how it
-is made again. Then the whole folder is searched for all that the person is called, and what is
-still left is named, for the researcher to clean by hand.
+is made again; of a comparison that names nobody that is said, and it stays. Then the whole folder
+is searched for all that the person is called, and what is still left is named, for the researcher
+to clean by hand.
 """
 
 import os
@@ -96,6 +97,7 @@ def withdraw(
     live = _live_files(study, storage, journal)
     others = [path for path in findings.found if path.resolve() not in live]
     _delete_derived(study, others, tables, done)
+    _note_numbers(study, done)
     for path in others:
         _clean_file(study, path, person, done)
     _clean_stores(storage, journal, done)
@@ -171,12 +173,28 @@ def _delete_derived(
         files = [file for file in files if file.is_file()]
         for file in files:
             file.unlink()
-        command = f"pourcast {'report' if is_report else 'compare'} {study}"
-        output = "" if folder == study / "report" else f" -o {folder}"
         done.deleted.append(
             f"{_shown(folder, study)}: {len(files)} files, made with this person's answers; "
-            f"`{command}{output}` makes them again without"
+            f"{_made_again(folder, study)} makes them again without"
         )
+
+
+def _note_numbers(study: Path, done: Withdrawal) -> None:
+    """Tell of reports and comparisons that name nobody: their numbers may be of the person, too."""
+    for path in sorted(study.rglob(_AGREEMENT)):
+        folder = _derived(path, study)
+        if folder is not None:
+            done.notes.append(
+                f"{_shown(folder, study)}: its numbers may be made with this person's answers; "
+                f"{_made_again(folder, study)} makes them again without"
+            )
+
+
+def _made_again(folder: Path, study: Path) -> str:
+    """The command that writes a report or a comparison anew."""
+    command = "report" if (folder / "tables").is_dir() else "compare"
+    output = "" if folder == study / "report" else f" -o {folder}"
+    return f"`pourcast {command} {study}{output}`"
 
 
 def _derived(path: Path, study: Path) -> Path | None:
