@@ -701,7 +701,10 @@ def test_a_number_that_no_database_has_stops_nobody(study, number, caplog):
     assert "number: Input should be" in caplog.text
 
 
-def test_a_server_says_when_its_journal_has_another_studys_lines(study, template, tmp_path, caplog):
+@pytest.mark.parametrize("lost", [False, True])
+def test_another_studys_people_do_not_come_in_with_its_lines(
+    study, template, tmp_path, caplog, lost
+):
     other = shutil.copytree(template, tmp_path / "other")
     for one in (study, other):
         with server(one) as api:
@@ -709,10 +712,33 @@ def test_a_server_says_when_its_journal_has_another_studys_lines(study, template
             api.run(api.begin(f"request-{one.name}", link=link).json())
     with (study / "responses.jsonl").open("ab") as stream:
         stream.write((other / "responses.jsonl").read_bytes())
+    if lost:
+        delete_database(study)
     with server(study) as api:
-        # Number 1 there is somebody else.
-        assert len({one.participant for one in api.storage.sessions()}) == 2
-    assert "the secrets of another database" in caplog.text
+        (own,) = api.storage.sessions()
+        assert own.request == "request-study"
+        api.run(api.begin("request-more", link={"lab": key_of(api, "lab")}).json())
+    assert "a session of another study's database" in caplog.text
+    # Who came after those lines is restored as all of ours are.
+    delete_database(study)
+    with server(study) as api:
+        requests = [one.request for one in api.storage.sessions()]
+        assert requests == ["request-study", "request-more"]
+    # From a file beside, who saw the same scenes is taken in when it is wished.
+    assert call("data", study, "--import", other / "responses.jsonl") == 1
+    with Storage.of_study(study).engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT count(*) FROM sessions").scalar() == 3
+
+
+def test_a_study_of_other_scenes_is_not_taken_in_from_its_journal(study, tmp_path, capsys):
+    other = small_study(tmp_path / "other", scenes=9, design=EXP1)
+    for one in (study, other):
+        with server(one) as api:
+            api.run(api.begin(f"request-{one.name}").json())
+    before = everything(study)
+    assert call("data", study, "--import", other / "responses.jsonl") == 1
+    assert "another study's: this one has no scene" in capsys.readouterr().err
+    assert same(everything(study), before)
 
 
 def test_a_journal_saved_in_another_coding_is_read_as_far_as_it_can_be(study):

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import count
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,6 +33,7 @@ from pourcast.experiment.storage.record_lines import (
     is_line,
     line_names,
     names_of,
+    opening_line,
 )
 from pourcast.experiment.storage.records import Record, SaveResult
 from pourcast.experiment.storage.sessions import COMPLETE, DROPPED, OPEN, UNKNOWN, Session
@@ -71,6 +73,7 @@ class _Opening(_Content):
 
     session: _Key
     schema_version: int = Field(default=1, le=SCHEMA_VERSION)
+    database: str = ""
     entry: str = Field(default="static", max_length=20)
     identifiers: dict[str, str] = Field(default_factory=dict, max_length=20)
     group: _Number | None = None
@@ -180,6 +183,7 @@ def import_records(
         summary = importer.take_in(values)
         if is_own:
             _renew_old(journal, storage, values, faults.lines(str(path)))
+    _call_ours(journal, storage, importer.adopted)
     journal.catch_up(storage.journal_lines())
     return summary
 
@@ -195,7 +199,14 @@ def restore(storage: Storage, journal: Journal, schedule: Schedule, now: float) 
         values = list(json_values(name, journal.read(), importer.faults))
         summary = importer.take_in(_lacking(values, storage))
         _renew_old(journal, storage, values, importer.faults.lines(name))
+    _call_ours(journal, storage, importer.adopted)
     return summary
+
+
+def _call_ours(journal: Journal, storage: Storage, sessions: Sequence[Session]) -> None:
+    """Say in the journal that sessions of another database are this one's now."""
+    if sessions:
+        journal.append(opening_line(session, storage.name) for session in sessions)
 
 
 def _lacking(values: Sequence[_Value], storage: Storage) -> list[_Value]:
@@ -265,6 +276,10 @@ class _Importer:
         """Whether a server wrote lines that had another database's."""
         self._tells_ends = False
         """Whether the lines tell how sessions ended."""
+        self.adopted: list[Session] = []
+        """Sessions that another database had, and this one has now."""
+        self._keeps_own = False
+        """Whether sessions of other databases don't belong here."""
 
     def take_in(self, values: Sequence[_Value]) -> ImportSummary:
         """Take in what is good of these lines."""
@@ -273,10 +288,13 @@ class _Importer:
             keys = {(one.participant, one.started): one.key for one in self.storage.sessions()}
             values = list(current_lines(values, keys, self.faults))
         heads = [(place, content) for place, content in values if _is_head(content)]
+        if heads:
+            self.storage.take_words(heads[0][1])
         for place, head in heads:
-            self._take_words(place, head)
+            self._compare_words(place, head)
         is_journal = bool(heads) or (self._is_studys and not is_old)
         self._is_journal, self._tells_ends = is_journal or is_old, is_journal
+        self._keeps_own = self._is_studys and (self._is_own or bool(self.storage.sessions()))
         runs = _runs(values, self.faults)
         for key, run in runs.items():
             self._take_in_run(key, run)
@@ -290,9 +308,8 @@ class _Importer:
             tuple(self.faults.messages()),
         )
 
-    def _take_words(self, place: Place, head: Mapping[str, Any]) -> None:
-        """Let a database in which nobody has begun take over a journal's secrets."""
-        self.storage.take_words(head)
+    def _compare_words(self, place: Place, head: Mapping[str, Any]) -> None:
+        """See whether a first line is this database's, or another one's."""
         if head.get("secret") == self.storage.words["secret"]:
             self._is_own = True
             last = head.get(LAST)
@@ -309,6 +326,8 @@ class _Importer:
     # Sessions ------------------------------------------------------------------------
 
     def _take_in_run(self, key: str, run: _Run) -> None:
+        # What this database says of a session goes before what an earlier one said.
+        run.openings.sort(key=lambda opening: opening[1].database != self.storage.name)
         known = self.storage.session_with_key(key) or self.storage.session_of(key)
         session = known or self._opened(key, run)
         if session is None:
@@ -321,6 +340,11 @@ class _Importer:
 
     def _opened(self, key: str, run: _Run) -> Session | None:
         """A session that the database has not, put into it; None if nobody can tell its steps."""
+        stranger = run.opening and self._why_not_ours(run.opening)
+        if stranger:
+            for place, _ in [*run.openings, *run.records]:
+                self.faults.add(place, stranger)
+            return None
         placed = self._placed(run)
         if placed is None:
             unopened = "its session is left out" if run.openings else "no line opens its session"
@@ -358,7 +382,10 @@ class _Importer:
         browsers: list[str] = []
         if self._is_journal:
             browsers = [one.browser for one in run.changes if one.browser]
-            tokens = [*opening.tokens, *(one.token for one in run.changes if one.token)]
+            tokens = [
+                *(token for _, one in run.openings for token in one.tokens),
+                *(one.token for one in run.changes if one.token),
+            ]
             session = replace(
                 session,
                 number=opening.number,
@@ -369,7 +396,35 @@ class _Importer:
                 last_seen=started,
             )
         self._counts["opened"] += 1
-        return self.storage.restore(self._identified(session, opening), tokens, browsers)
+        restored = self.storage.restore(self._identified(session, opening), tokens, browsers)
+        if opening.database not in ("", self.storage.name):
+            self.adopted.append(restored)
+        return restored
+
+    def _why_not_ours(self, opening: _Opening) -> str:
+        """Why a session that another database had is not taken in; empty if it is."""
+        if opening.database in ("", self.storage.name):
+            return ""
+        if self._keeps_own:
+            return (
+                "left out: a session of another study's database; if it belongs to this study, "
+                "import it from a file beside"
+            )
+        foreign = {step.scene for step in opening.steps if step.scene} - self._scenes
+        if foreign:
+            return f"left out: another study's: this one has no scene {min(foreign)!r}"
+        return ""
+
+    @cached_property
+    def _scenes(self) -> set[str]:
+        """Scenes of the study."""
+        scenes: set[str] = set()
+        for group in count():
+            try:
+                scenes |= {step.scene for step in self.schedule(group, 0)}
+            except IndexError:
+                return scenes
+        return scenes
 
     def _identified(self, session: Session, opening: _Opening) -> Session:
         """A session with who it is, as its opening line says."""

@@ -200,7 +200,7 @@ class LiveExperiment:
             )
             digest = token_digest(token)
             if is_new:
-                self._append_to_journal([opening_line(session, [digest])])
+                self._append_to_journal([opening_line(session, self.storage.name, [digest])])
             else:
                 lines = [token_line(session.key, digest), tab_line(session.key, tab)]
                 if (session.number, request) in self.storage.browsers():

@@ -44,8 +44,8 @@ def head_line(words: Mapping[str, str]) -> Line:
     return {"format": JOURNAL_FORMAT, "schema_version": SCHEMA_VERSION, **words}
 
 
-def opening_line(session: Session, tokens: Sequence[str] = ()) -> Line:
-    """All of a session but its records; `tokens` are digests."""
+def opening_line(session: Session, database: str, tokens: Sequence[str] = ()) -> Line:
+    """All of a session but its records, and whose it is; `tokens` are digests."""
     return {
         "format": FORMAT,
         "schema_version": SCHEMA_VERSION,
@@ -61,6 +61,7 @@ def opening_line(session: Session, tokens: Sequence[str] = ()) -> Line:
         "tab": session.tab,
         "started": session.started,
         "tokens": list(tokens),
+        "database": database,
         "steps": plan_content(session.steps),
     }
 

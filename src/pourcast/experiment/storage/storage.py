@@ -3,6 +3,7 @@
 Every method is one transaction. A record is safe when `save` returns.
 """
 
+import hashlib
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
@@ -153,13 +154,20 @@ class Storage:
         return bytes.fromhex(self.words["secret"])
 
     @property
+    def name(self) -> str:
+        """What tells the database from others, the same after a restore; gives no secret away."""
+        return hashlib.sha256(self.secret).hexdigest()[:12]
+
+    @property
     def admin_token(self) -> str:
         """The word that opens the admin page."""
         return self.words["admin"]
 
     def close(self) -> None:
-        """Close all connections."""
+        """Close all connections; they are opened again when something is asked."""
         self.engine.dispose()
+        if self._file is not None:
+            self._file.close()
 
     def check(self) -> None:
         """See that the database is the one that was opened.
@@ -198,8 +206,7 @@ class Storage:
             with self._transaction(writes=True) as connection:
                 make_tables(connection)
         elif version < SCHEMA and self._file is not None:
-            self.engine.dispose()
-            self._file.close()
+            self.close()
             self._migrate_file(self._file, version)
         elif version < SCHEMA:
             with self._transaction(writes=True) as connection:
@@ -488,7 +495,7 @@ class Storage:
             tokens, browsers = all_tokens(connection), all_browsers(connection)
         return [
             head_line(self.words),
-            *(opening_line(one) for one in sessions.values()),
+            *(opening_line(one, self.name) for one in sessions.values()),
             *(token_line(sessions[number].key, digest) for number, digest in tokens),
             *(record_line(sessions[one.session], one) for one in records),
             *(record_line(sessions[one.session], one, aside=True) for one in conflicts),
