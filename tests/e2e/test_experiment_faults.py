@@ -117,7 +117,7 @@ def test_a_minute_without_a_network_in_the_middle_of_a_block(tmp_path, browser):
         gone = time.monotonic()
         someone.go_on(stop_at=26)
         saved = len(
-            [line for line in Journal.of_study(study).lines() if line["kind"] == "judgment"]
+            [line for line in Journal.of_study(study).lines() if line.get("kind") == "judgment"]
         )
         assert saved <= 7
         someone.page.wait_for_timeout(max(0.0, 60_000 - 1000 * (time.monotonic() - gone)))
