@@ -89,7 +89,7 @@ def test_declined_people_leave_nothing_behind_after_kills(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_declined_people_leave_nothing_behind_after_many_kills(tmp_path, seed):
     study = small_study(tmp_path / "s")
     assert decline_and_kill(study, 10 + seed, people=6, each=25, kills=10) == ([], [])

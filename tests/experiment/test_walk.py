@@ -59,7 +59,7 @@ def test_nothing_is_lost_in_thousands_of_steps(request, template, kind, chosen):
             return nullcontext()
         return fresh_database(request.getfixturevalue("postgresql"))
 
-    walk(template, database, walks=25, steps=100, chosen=chosen)
+    walk(template, database, walks=21, steps=100, chosen=chosen)
 
 
 @pytest.mark.slow
