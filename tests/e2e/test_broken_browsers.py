@@ -11,7 +11,7 @@ import shutil
 import pytest
 
 from pourcast.experiment.design.settings import read_design, texts_of
-from pourcast.observers.browser import chromium, served
+from pourcast.observers.browser import served
 from tests.e2e import broken_browsers as without
 from tests.e2e.participant import Participant, lab_link, open_experiment, saved
 from tests.experiment.make import EXP1, small_study
@@ -21,10 +21,12 @@ pytestmark = pytest.mark.skipif(shutil.which("chromium") is None, reason="there 
 SHORT = EXP1 + "blocks = 1\n"
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
+def fail(route, fault):
+    """Let a request fail: nobody is reached, or the answer is another one."""
+    if fault == "abort":
+        route.abort()
+    else:
+        route.fulfill(**fault)
 
 
 @pytest.fixture
@@ -98,12 +100,7 @@ def test_what_passes_is_waited_for_and_named(experiment, browser, fault, sentenc
     failing = [True]
 
     def answer(route):
-        if not failing:
-            route.continue_()
-        elif fault == "abort":
-            route.abort()
-        else:
-            route.fulfill(**fault)
+        fail(route, fault) if failing else route.continue_()
 
     someone.page.route("**/api/sessions", answer)
     someone.page.goto(link)
@@ -158,13 +155,7 @@ def test_a_page_without_its_script_is_not_empty(experiment, browser, fault, sent
     _, link = experiment
     someone = Participant(browser, "about:blank")
 
-    def answer(route):
-        if fault == "abort":
-            route.abort()
-        else:
-            route.fulfill(**fault)
-
-    someone.page.route("**/assets/app-*.js", answer)
+    someone.page.route("**/assets/app-*.js", lambda route: fail(route, fault))
     someone.page.goto(link)
     someone.page.get_by_text(sentence).wait_for()
     someone.close()

@@ -24,7 +24,7 @@ from pourcast.experiment.data.tables import trials_table
 from pourcast.experiment.design.links import link_key
 from pourcast.experiment.server.app import create_app
 from pourcast.experiment.storage.storage import Storage
-from pourcast.observers.browser import chromium, drive_observers, served
+from pourcast.observers.browser import drive_observers, served
 from pourcast.observers.rehearsal import Rehearsal
 from tests.e2e.participant import Participant, lab_link, open_experiment, saved
 from tests.e2e.services import JATOS, DataPipe
@@ -33,12 +33,6 @@ from tests.experiment.make import EXP1, EXP2, small_study
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no Chromium")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
 
 
 @pytest.fixture
@@ -506,6 +500,13 @@ def page_with_datapipe(tmp_path, browser, datapipe):
         someone.close()
 
 
+def sent(datapipe, study, tmp_path):
+    """The one file that DataPipe got, imported: the session, its answers and the file's name."""
+    ((name, content),) = datapipe.files.items()
+    (tmp_path / name).write_text(content)
+    return *imported(study, tmp_path / name, tmp_path), name
+
+
 @pytest.mark.slow
 def test_a_static_page_sends_its_answers_to_datapipe(tmp_path, browser):
     datapipe = DataPipe()
@@ -521,9 +522,7 @@ def test_a_static_page_sends_its_answers_to_datapipe(tmp_path, browser):
         someone.press("I am somebody else")
         someone.see("Welcome")
     assert datapipe.asked == 4
-    ((name, content),) = datapipe.files.items()
-    (tmp_path / name).write_text(content)
-    session, answers = imported(study, tmp_path / name, tmp_path)
+    session, answers, name = sent(datapipe, study, tmp_path)
     assert answers == close_to(someone.answers)
     assert name == f"{session.key}.json"
 
@@ -547,9 +546,7 @@ def test_a_datapipe_that_is_not_switched_on_is_told_of(tmp_path, browser):
         datapipe.active = True
         someone.page.reload()
         someone.page.wait_for_selector("#page[data-state=complete]")
-    ((name, content),) = datapipe.files.items()
-    (tmp_path / name).write_text(content)
-    assert imported(study, tmp_path / name, tmp_path)[1] == close_to(someone.answers)
+    assert sent(datapipe, study, tmp_path)[1] == close_to(someone.answers)
 
 
 @pytest.mark.slow
@@ -570,9 +567,7 @@ def test_answers_that_somebody_left_are_sent_when_they_can_be(tmp_path, browser)
         someone.see("Welcome")
         someone.page.wait_for_timeout(500)
         assert datapipe.asked == before  # once it is there, nobody is asked again
-    ((name, content),) = datapipe.files.items()
-    (tmp_path / name).write_text(content)
-    assert imported(study, tmp_path / name, tmp_path)[1] == close_to(someone.answers)
+    assert sent(datapipe, study, tmp_path)[1] == close_to(someone.answers)
 
 
 def test_jatos_gets_each_answer_as_it_comes(tmp_path, browser):

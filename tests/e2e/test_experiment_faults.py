@@ -20,7 +20,6 @@ from pourcast.experiment.data.tables import trials_table
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.record_lines import FORMAT
 from pourcast.experiment.storage.storage import Storage
-from pourcast.observers.browser import chromium
 from tests.e2e.participant import Participant
 from tests.experiment.make import EXP1, EXP2, small_study
 from tests.experiment.server_process import CuttingProxy, ServerProcess, Sturdy
@@ -31,12 +30,6 @@ pytestmark = [
 ]
 
 ONE_BLOCK = EXP1 + "blocks = 1\n"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
 
 
 def check(study, people=(), browsers=()):

@@ -9,7 +9,7 @@ import shutil
 import pytest
 
 from pourcast.experiment.data.tables import trials_table
-from pourcast.observers.browser import chromium, served
+from pourcast.observers.browser import served
 from tests.e2e.participant import Participant, lab_link, open_experiment, saved
 from tests.experiment import make
 
@@ -19,12 +19,6 @@ EXP1 = make.EXP1 + "blocks = 1\n"
 FULL = EXP1.replace("fullscreen = false\n", "")
 LONG = "How much of the water that is held at the top of this container will end up, when it " * 3
 LONG_QUESTION = f'{EXP1}[texts.goal]\nquestion = "{LONG}"\n'
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
 
 
 @pytest.fixture

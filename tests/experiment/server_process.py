@@ -70,6 +70,20 @@ class ServerProcess:
             self.stop()
 
 
+def answered(port, method, path, content, token, *, timeout):
+    """What a server answers to a request on a connection of its own: the answer and its body."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=timeout)
+    try:
+        connection.request(
+            method, path, json.dumps(content),
+            {"Content-Type": "application/json", "Authorization": f"Bearer {token}"},
+        )  # fmt: skip
+        response = connection.getresponse()
+        return response, response.read()
+    finally:
+        connection.close()
+
+
 class Asker:
     """What a page asks of a server, once, and what it is told: status and content."""
 
@@ -77,18 +91,9 @@ class Asker:
         self.port, self.key = server.port, server.lab.rpartition("=")[2]
 
     def ask(self, method, path, content, token=""):
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
-        try:
-            connection.request(
-                method, path, json.dumps(content),
-                {"Content-Type": "application/json", "Authorization": f"Bearer {token}"},
-            )  # fmt: skip
-            response = connection.getresponse()
-            text = response.read()
-            is_json = response.headers.get_content_type() == "application/json"
-            return response.status, json.loads(text) if is_json else text.decode()
-        finally:
-            connection.close()
+        response, text = answered(self.port, method, path, content, token, timeout=20)
+        is_json = response.headers.get_content_type() == "application/json"
+        return response.status, json.loads(text) if is_json else text.decode()
 
     def begin(self, request, tab="tab-00000001", link=None):
         content = {"request": request, "tab": tab, "link": link or {"lab": self.key}}
@@ -123,21 +128,13 @@ class Sturdy(threading.Thread):
     def ask(self, method, path, content, token="", seconds=120.0):
         until = time.monotonic() + seconds
         while time.monotonic() < until:
-            connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=5)
             try:
-                connection.request(
-                    method, path, json.dumps(content),
-                    {"Content-Type": "application/json", "Authorization": f"Bearer {token}"},
-                )  # fmt: skip
-                response = connection.getresponse()
-                text = response.read()
+                response, text = answered(self.port, method, path, content, token, timeout=5)
                 if response.status < 500:
                     assert response.status < 300, (path, response.status, text)
                     return json.loads(text)
             except (OSError, http.client.HTTPException):
                 pass
-            finally:
-                connection.close()
             time.sleep(0.05 + 0.1 * self.random.random())
         raise AssertionError(f"{path}: no answer in {seconds} s")
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pourcast.experiment.data.file_search import Needle
-from pourcast.experiment.design.links import PERSONAL, VISITS
+from pourcast.experiment.design.links import PERSONAL, VISITS, personal
 
 _SHORTEST = 6
 """A name with fewer letters stands in many files that speak of nobody."""
@@ -41,7 +41,7 @@ class SessionNames:
     @property
     def given(self) -> set[str]:
         """What others call this person alone; a study's id would be everybody's."""
-        return {value for name, value in self.identifiers.items() if name in PERSONAL and value}
+        return personal(self.identifiers)
 
     @property
     def visits(self) -> set[str]:

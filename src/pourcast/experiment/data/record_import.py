@@ -5,8 +5,7 @@ changes nothing. `storage.record_lines` says what the lines are.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
@@ -29,6 +28,7 @@ from pourcast.experiment.storage.record_lines import (
     JOURNAL_FORMAT,
     LAST,
     SCHEMA_VERSION,
+    SHOWN,
     dumps,
     is_line,
     line_names,
@@ -57,9 +57,6 @@ _UNPLACED = (
     '{{"format":"pourcast-records","session":"{key}","group":GROUP,"place":PLACE}} '
     "(both counted from 0) into the file, and import it again"
 )
-
-_SHOWN = ("phase", "trial", "block", "liquid", "scene", "mirrored")
-"""What a record's line says of its step."""
 
 
 class _Content(BaseModel):
@@ -176,14 +173,13 @@ def import_records(
     is_own = path.resolve() == journal.path.resolve()
     importer = _Importer(storage, schedule, now, is_studys=is_own)
     faults = importer.faults
-    # Who withdraws, or declines, meanwhile is taken out of the journal first: not before this ends.
-    with journal.held() if is_own else nullcontext():
-        files = [(str(path), journal.read())] if is_own else list(answer_files(path, faults))
+    if is_own:
+        summary = _take_in_journal(importer, journal, str(path), lambda values: values)
+    else:
+        files = answer_files(path, faults)
         values = [value for name, content in files for value in json_values(name, content, faults)]
         summary = importer.take_in(values)
-        if is_own:
-            _renew_old(journal, storage, values, faults.lines(str(path)))
-    _call_ours(journal, storage, importer.adopted)
+        _call_ours(journal, storage, importer.adopted)
     journal.catch_up(storage.journal_lines())
     return summary
 
@@ -195,11 +191,22 @@ def restore(storage: Storage, journal: Journal, schedule: Schedule, now: float) 
     """
     importer = _Importer(storage, schedule, now, is_studys=True)
     name = str(journal.path)
-    with journal.held():  # as in `import_records`
+    return _take_in_journal(importer, journal, name, lambda values: _lacking(values, storage))
+
+
+def _take_in_journal(
+    importer: "_Importer",
+    journal: Journal,
+    name: str,
+    chosen: Callable[[list[_Value]], list[_Value]],
+) -> ImportSummary:
+    """Take in what is chosen of the study's own journal, which is called `name` in messages."""
+    # Who withdraws, or declines, meanwhile is taken out of the journal first: not before this ends.
+    with journal.held():
         values = list(json_values(name, journal.read(), importer.faults))
-        summary = importer.take_in(_lacking(values, storage))
-        _renew_old(journal, storage, values, importer.faults.lines(name))
-    _call_ours(journal, storage, importer.adopted)
+        summary = importer.take_in(chosen(values))
+        _renew_old(journal, importer.storage, values, importer.faults.lines(name))
+    _call_ours(journal, importer.storage, importer.adopted)
     return summary
 
 
@@ -294,7 +301,7 @@ class _Importer:
             self._compare_words(place, head)
         is_journal = bool(heads) or (self._is_studys and not is_old)
         self._is_journal, self._tells_ends = is_journal or is_old, is_journal
-        self._keeps_own = self._is_studys and (self._is_own or bool(self.storage.sessions()))
+        self._keeps_own = self._is_studys and (self._is_own or bool(self.storage.states()))
         runs = _runs(values, self.faults)
         for key, run in runs.items():
             self._take_in_run(key, run)
@@ -612,7 +619,7 @@ def _as_shown(steps: Sequence[Step], records: Iterable[tuple[Place, _Line]]) -> 
     changed = list(steps)
     for _, line in records:
         if line.seq < len(changed) and line.kind and line.scene:
-            shown = {name: getattr(line, name) for name in _SHOWN}
+            shown = {name: getattr(line, name) for name in SHOWN}
             step = changed[line.seq]
             if any(getattr(step, name) != value for name, value in shown.items()):
                 changed[line.seq] = Step(seq=line.seq, kind=line.kind, **shown)

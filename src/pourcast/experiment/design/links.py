@@ -72,6 +72,11 @@ def codes_of(identifier: str, secret: bytes) -> set[str]:
     return {participant_code(secret, f"{entry} {identifier}") for entry in _CALLED}
 
 
+def personal(identifiers: Mapping[str, str]) -> set[str]:
+    """Those of somebody's identifiers that are nobody else's."""
+    return {value for name, value in identifiers.items() if name in PERSONAL and value}
+
+
 def participant_links(base: str, secret: bytes) -> dict[str, str]:
     """The links to give away, by entry."""
     prolific = "&".join(f"{name}={{{{%{name}%}}}}" for name in PROLIFIC)

@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TypeVar
 
 from pourcast.errors import StoreError
 from pourcast.experiment.data.record_import import restore
-from pourcast.experiment.design.links import PERSONAL, UNFILLED, Visitor
+from pourcast.experiment.design.links import UNFILLED, Visitor, personal
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.design.settings import texts_of
 from pourcast.experiment.server.clock import Clock, RunningClock
@@ -182,7 +182,7 @@ class LiveExperiment:
     ) -> tuple[Session, str]:
         """Begin a session, or go on with it; see `Storage.begin`."""
         self._limit_visits(address)
-        ids = {one for name, one in visitor.identifiers.items() if name in PERSONAL}
+        ids = personal(visitor.identifiers)
         is_platforms = visitor.entry in ("prolific", "mturk")
         if is_platforms and self._allowed_ids is not None and not ids <= self._allowed_ids:
             await self._count_refusal("unlisted")
@@ -362,9 +362,7 @@ class LiveExperiment:
         if not sessions:
             return
         # Lines that were damaged, too, if they have a name that is this person's alone.
-        names = {one.code for one in sessions} | {
-            value for one in sessions for name, value in one.identifiers.items() if name in PERSONAL
-        }
+        names = {one.code for one in sessions}.union(*(personal(s.identifiers) for s in sessions))
         self.journal.remove({session.key for session in sessions}, names)
         self._journal_identity = self._identity_of_journal()
         self.storage.delete({session.number for session in sessions})

@@ -96,9 +96,8 @@ class Journal:
 
     def keep_waiting_of(self, sessions: Collection[str]) -> None:
         """Forget what waits of other sessions, which were deleted in the meantime."""
-        self._waiting = [
-            line for line in self._waiting if line.get("session", "") in {"", *sessions}
-        ]
+        kept = {"", *sessions}
+        self._waiting = [line for line in self._waiting if line.get("session", "") in kept]
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield the lines; what is no line, such as one that a crash cut short, is left out.
@@ -137,8 +136,7 @@ class Journal:
         StoreError
             If the file can't be read.
         """
-        there = names_of(self.lines())
-        return [line for line in lines if not line_names(line) <= there]
+        return _lacking(self.lines(), lines)
 
     def catch_up(self, lines: Iterable[Line]) -> int:
         """Append the lines that are missing, after a crash between two commits.
@@ -153,15 +151,16 @@ class Journal:
         StoreError
             If the file can't be read.
         """
-        damaged = sum(bool(text.strip()) and not _parse(text) for text in self.read().split(b"\n"))
-        if damaged:
+        parsed = [_parse(text) for text in self.read().split(b"\n") if text.strip()]
+        there = [line for line in parsed if line is not None]
+        if damaged := len(parsed) - len(there):
             LOGGER.warning(
                 "%s: %s lines can't be read, such as one that a crash cut short; they stay, and "
                 "what the database has is appended again",
                 self.path,
                 damaged,
             )
-        missing = self.missing(lines)
+        missing = _lacking(there, lines)
         waiting = names_of(self._waiting)
         self.append(line for line in missing if not line_names(line) <= waiting)
         return len(missing)
@@ -202,12 +201,16 @@ class Journal:
         return removed
 
     def _remove_from_file(self, sessions: Collection[str], marks: Collection[bytes]) -> int:
-        texts = self.path.read_bytes().split(b"\n")
+        lines = [(text, _parse(text)) for text in self.path.read_bytes().split(b"\n")]
         # No new database gives a number out again that somebody had who is gone.
-        last = max((_last_number(text) for text in texts), default=0)
-        kept = [_with_last(text, last) for text in texts if not _is_of(text, sessions, marks)]
+        last = max(_last_number(line) for _, line in lines)
+        kept = [
+            _with_last(text, line, last)
+            for text, line in lines
+            if not _is_of(text, line, sessions, marks)
+        ]
         self.rewrite(b"\n".join(kept))
-        return len(texts) - len(kept)
+        return len(lines) - len(kept)
 
     def rewrite(self, content: bytes) -> None:
         """Put something else in the place of the file, all of it or nothing."""
@@ -299,24 +302,31 @@ def _parse(text: bytes) -> dict[str, Any] | None:
     return content if is_line(content) else None
 
 
-def _last_number(text: bytes) -> int:
+def _lacking(there: Iterable[Line], lines: Iterable[Line]) -> list[Line]:
+    """Those of some lines that are not said there."""
+    names = names_of(there)
+    return [line for line in lines if not line_names(line) <= names]
+
+
+def _last_number(line: Line | None) -> int:
     """The number of the session that a line opens, or the last one that a first line tells of."""
-    line = _parse(text) or {}
+    if line is None:
+        return 0
     number = line.get(LAST if line.get("format") == JOURNAL_FORMAT else "number")
     return number if isinstance(number, int) else 0
 
 
-def _with_last(text: bytes, last: int) -> bytes:
+def _with_last(text: bytes, line: Line | None, last: int) -> bytes:
     """A line as it is; a journal's first one with the last number that a session had."""
-    line = _parse(text)
     if line is None or line.get("format") != JOURNAL_FORMAT:
         return text
-    return _encoded([line | {LAST: last}]).rstrip(b"\n")
+    return _encoded([{**line, LAST: last}]).rstrip(b"\n")
 
 
-def _is_of(text: bytes, sessions: Collection[str], marks: Collection[bytes]) -> bool:
+def _is_of(
+    text: bytes, line: Line | None, sessions: Collection[str], marks: Collection[bytes]
+) -> bool:
     """Whether a line is one of these sessions', or can't be read and has one of these marks."""
-    line = _parse(text)
     if line is None:
         return any(mark in text for mark in marks)
     return line.get("session") in sessions

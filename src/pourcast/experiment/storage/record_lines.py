@@ -18,7 +18,6 @@ import json
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Any
 
-from pourcast.experiment.design.steps import Step
 from pourcast.experiment.storage.records import Record
 from pourcast.experiment.storage.sessions import OPEN, Session, plan_content
 
@@ -27,6 +26,9 @@ FORMAT = "pourcast-records"
 
 JOURNAL_FORMAT = "pourcast-journal"
 """What the first line of a journal calls its format."""
+
+SHOWN = ("phase", "trial", "block", "liquid", "scene", "mirrored")
+"""What a record's line says of its step, should its session's opening line be lost."""
 
 LAST = "last_session"
 """What the first line of a journal calls the last number of a session, if some are gone."""
@@ -72,7 +74,7 @@ def record_line(session: Session, record: Record, *, aside: bool = False) -> Lin
     return (
         {"session": session.key, "seq": record.seq, "kind": record.kind}
         | {"group": session.group, "place": session.place}
-        | _shown(step)
+        | step.model_dump(include=set(SHOWN), exclude_defaults=True)
         | {"body": json.loads(record.body), "received": record.received}
         | ({"aside": True} if aside else {})
     )
@@ -145,10 +147,3 @@ def is_line(content: object) -> bool:
 def dumps(line: Line) -> str:
     """A line as text, with its end."""
     return json.dumps(line, separators=(",", ":"), ensure_ascii=False) + "\n"
-
-
-def _shown(step: Step) -> dict[str, Any]:
-    """What tells a step from others, should its session's opening line be lost."""
-    return step.model_dump(
-        include={"phase", "trial", "block", "liquid", "scene", "mirrored"}, exclude_defaults=True
-    )
