@@ -22,6 +22,8 @@ from pourcast.engine.simd import (
     LANES,
     append_less,
     first_lanes,
+    fma,
+    fnma,
     gather,
     load,
     load_from,
@@ -29,7 +31,7 @@ from pourcast.engine.simd import (
     splat,
     sum_lanes,
 )
-from pourcast.engine.smoothing import one_minus_q_of, weight
+from pourcast.engine.smoothing import dot, one_minus_q_of, weight
 from pourcast.engine.solids import grid_index
 
 ALL_PAIRS_LIMIT = 300
@@ -185,7 +187,7 @@ def _append_near(
         dx = x - load_from(sorted_position[0], m)
         dy = y - load_from(sorted_position[1], m)
         dz = z - load_from(sorted_position[2], m)
-        r2 = dx * dx + dy * dy + dz * dz
+        r2 = dot(dx, dy, dz, dx, dy, dz)
         pair_count += append_less(r2, squared_reach, particle, m, end - m, partner, pair_count)
     return pair_count
 
@@ -210,7 +212,7 @@ def add_listed_density(state: Any, parameters: Any, pairs: Any) -> None:
                 yi - gather(y, pairs.partner, first),
                 zi - gather(z, pairs.partner, first),
             )
-            r2 = dx * dx + dy * dy + dz * dz
+            r2 = dot(dx, dy, dz, dx, dy, dz)
             share = first_lanes(weight(one_minus_q_of(r2, inverse_support, zero)), count)
             total = total + share
             scatter(
@@ -219,7 +221,7 @@ def add_listed_density(state: Any, parameters: Any, pairs: Any) -> None:
             near_count += append_less(
                 r2, squared_support, pairs.partner, first, count, pairs.near_partner, near_count
             )
-        density[i] += sum_lanes(total)
+        density[i] += sum_lanes(total) + 1.0
         pairs.near_start[k + 1] = near_count
 
 
@@ -274,11 +276,10 @@ def add_listed_forces(state: Any, parameters: Any, pairs: Any) -> None:
                 inverse_support, pressure_factor, viscosity_factor, separation_floor,
             )  # fmt: skip
             push = first_lanes(push, count)
-            fx, fy, fz = push * dx, push * dy, push * dz
-            axi, ayi, azi = axi + fx, ayi + fy, azi + fz
-            scatter(ax, near, first, count, gather(ax, near, first) - fx)
-            scatter(ay, near, first, count, gather(ay, near, first) - fy)
-            scatter(az, near, first, count, gather(az, near, first) - fz)
+            axi, ayi, azi = fma(push, dx, axi), fma(push, dy, ayi), fma(push, dz, azi)
+            scatter(ax, near, first, count, fnma(push, dx, gather(ax, near, first)))
+            scatter(ay, near, first, count, fnma(push, dy, gather(ay, near, first)))
+            scatter(az, near, first, count, fnma(push, dz, gather(az, near, first)))
         ax[i] += sum_lanes(axi)
         ay[i] += sum_lanes(ayi)
         az[i] += sum_lanes(azi)
