@@ -249,6 +249,14 @@ if numba.config.DISABLE_JIT:
         """Whether a < b in any lane."""
         return bool(np.any(a < b))
 
+    def bits_less(a: Any, b: Any) -> int:
+        """An integer whose bits, from the lowest on, say in which lanes a < b."""
+        return sum(1 << int(lane) for lane in np.flatnonzero(a < b))
+
+    def lowest_bit(bits: int) -> int:
+        """Place of the lowest bit of a positive integer that is 1."""
+        return (int(bits) & -int(bits)).bit_length() - 1
+
     def _set_flush_mode() -> None:
         """NumPy's mode is not ours to set."""
 
@@ -362,6 +370,26 @@ else:
             return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 
         return types.boolean(vector, vector), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def bits_less(typingctx: Any, a: Any, b: Any) -> Any:
+        """An integer whose bits, from the lowest on, say in which lanes a < b."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            mask = builder.fcmp_ordered("<", args[0], args[1])
+            bits = builder.bitcast(mask, ir.IntType(LANES))
+            return builder.zext(bits, ir.IntType(64))
+
+        return types.int64(vector, vector), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def lowest_bit(typingctx: Any, bits: Any) -> Any:
+        """Place of the lowest bit of a positive integer that is 1."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+        return types.int64(types.int64), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
     def _set_flush_mode(typingctx: Any) -> Any:

@@ -7,8 +7,9 @@ from dataclasses import fields
 
 import numpy as np
 
-from pourcast.engine.batch import Job, Result, Stepping, run_batch
+from pourcast.engine.batch import Batch, run_batches
 from pourcast.engine.contact import TOUCH_SKIN
+from pourcast.engine.job import Job, Result, Stepping
 from pourcast.engine.packing import (
     pack_cylinder,
     reference_density,
@@ -39,7 +40,7 @@ def simulate(
     threads: int | None = None,
     progress: Progress = no_progress,
 ) -> list[Outcome]:
-    """Run simulations, in lockstep batches, on all cores.
+    """Run simulations on all cores, as many in lockstep as fill its lanes.
 
     Parameters
     ----------
@@ -78,28 +79,25 @@ def simulate(
             done += 1
             progress(done, len(pours))
 
-    outcomes: dict[int, Outcome] = {}
+    batches = []
     for (kind, _, stepping), members in groups.items():
         chosen = [pours[index] for index in members]
         solids, scene_index = _solids_of(chosen)
         jobs = [_job(p, s, settings) for p, s in zip(chosen, scene_index, strict=True)]
-        try:
-            results = run_batch(
-                jobs,
-                solids,
-                stepping,
-                kind=kind,
-                record=record,
-                threads=threads,
-                on_done=count_one,
-            )
-        except SimulationDivergedError as error:
-            number = members[error.number]
-            raise SimulationDivergedError(
-                f"{_name(pours[number], settings)}: {error}", number=number
-            ) from None
-        for index, job, result in zip(members, jobs, results, strict=True):
-            outcomes[index] = _outcome(pours[index], job, result, solids)
+        batches.append(Batch(jobs, solids, stepping, kind))
+    order = [index for members in groups.values() for index in members]
+    try:
+        results = run_batches(batches, record=record, threads=threads, on_done=count_one)
+    except SimulationDivergedError as error:
+        number = order[error.number]
+        raise SimulationDivergedError(
+            f"{_name(pours[number], settings)}: {error}", number=number
+        ) from None
+    solids_and_jobs = [(batch.solids, job) for batch in batches for job in batch.jobs]
+    outcomes = {
+        index: _outcome(pours[index], job, result, solids)
+        for index, (solids, job), result in zip(order, solids_and_jobs, results, strict=True)
+    }
     return [outcomes[index] for index in range(len(pours))]
 
 
