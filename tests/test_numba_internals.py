@@ -21,9 +21,12 @@ IMPORTED = {
     "numba.njit": "nogil= error_model= _nrt=",
     "numba.config.DISABLE_JIT": None,
     "numba.config.CACHE_DIR": None,
+    "numba.config.CPU_FEATURES": None,
+    "numba.core.codegen.get_host_cpu_features": "",
     "numba.core.types.Type": "name=",
     "numba.core.types.float32": None,
     "numba.core.types.float64": None,
+    "numba.core.types.int64": None,
     "numba.core.types.intp": None,
     "numba.core.types.boolean": None,
     "numba.core.types.void": None,
@@ -53,7 +56,7 @@ CALLED = {
     **{
         f"llvmlite.ir.IRBuilder.{name}": f"self {arguments}"
         for name, arguments in {
-            **dict.fromkeys(("fadd", "fsub", "fmul", "fdiv"), "lhs rhs flags="),
+            **dict.fromkeys(("fadd", "fsub", "fmul", "fdiv"), "lhs rhs"),
             **dict.fromkeys(("add", "mul", "and_", "or_"), "lhs rhs"),
             **dict.fromkeys(
                 ("bitcast", "inttoptr", "ptrtoint", "sext", "trunc", "zext"), "value typ"
@@ -62,7 +65,7 @@ CALLED = {
             "alloca": "typ",
             "asm": "ftype asm constraint args side_effect",
             "call": "fn args",
-            "ctpop": "cond",
+            "cttz": "cond flag",
             "extract_element": "vector idx",
             "gep": "ptr indices",
             "insert_element": "vector value idx",

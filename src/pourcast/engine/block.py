@@ -190,7 +190,12 @@ class Block(ABC):
             If one breaks (`diagnostics`); its `number` is the job's.
         """
         self._advance(
-            self.state, self.parameters, solids, broad_phase, stepping.step, stepping.steps_per_frame
+            self.state,
+            self.parameters,
+            solids,
+            broad_phase,
+            stepping.step,
+            stepping.steps_per_frame,
         )
         found = self.diagnostics
         sound = measure_and_check(
@@ -261,8 +266,9 @@ class Block(ABC):
     def _diverged(self, stepping: Stepping) -> SimulationDivergedError:
         """What is wrong with the first broken simulation."""
         found = self.diagnostics
-        lane = next(lane for lane in self.simulations if found.verdict[lane] != SOUND)
-        verdict, step = found.verdict[lane], f"{stepping.step:g} s"
+        broken = int(np.flatnonzero(found.verdict != SOUND)[0])
+        verdict, step = found.verdict[broken], f"{stepping.step:g} s"
+        lane = 0 if self.rows_are_one else broken
         if verdict == NOT_FINITE:
             fault = "a speed is no finite number"
         elif verdict == OUTSIDE:
@@ -321,7 +327,8 @@ class Single(Block):
         clusters.find_density(self.state, self.parameters, self._clusters)
 
     def _advance(self, *arguments: Any) -> None:
-        clusters.advance_one(*arguments, self._clusters)
+        advance: Any = clusters.advance_one
+        advance(*arguments, self._clusters)
 
 
 _PARTICLES_A_LANE = {16: 9.0, 8: 12.0, 4: 14.0}

@@ -36,12 +36,14 @@ from pourcast.engine.simd import (
     sum_lanes,
 )
 from pourcast.engine.smoothing import dot, one_minus_q_of, weight
+from pourcast.engine.solids import grid_index
 
 SKIN = 0.2
 """Extra reach of the lists, in support radii."""
 
 _MARGIN = 0.999
 """Share of the skin that may be used up, for rounding errors."""
+
 
 class Clusters(NamedTuple):
     """Clusters of the particles of one simulation, and the partners of each."""
@@ -50,7 +52,7 @@ class Clusters(NamedTuple):
     """Particles, cluster by cluster, shape [cluster_count * LANES]."""
     key: NDArray[np.int64]
     """What they are sorted by: where each is on a curve that fills space, same shape."""
-    count: NDArray[np.int64]
+    partner_count: NDArray[np.int64]
     """Number of partners of each cluster, shape [cluster_count]."""
     partner: NDArray[np.int32]
     """Partners, in the order of their numbers, shape [cluster_count, particle_count]."""
@@ -75,7 +77,7 @@ def empty_clusters(count: int) -> Clusters:
     return Clusters(
         order=np.arange(rows * LANES, dtype=np.int32),
         key=np.zeros(rows * LANES, np.int64),
-        count=np.zeros(rows, np.int64),
+        partner_count=np.zeros(rows, np.int64),
         partner=np.zeros((rows, count), np.int32),
         near_count=np.zeros(rows, np.int64),
         near_partner=np.zeros((rows, count), np.int32),
@@ -120,7 +122,7 @@ def sort_along_curve(state: Any, clusters: Any, cell: float) -> None:
 @kernel
 def _spread(along: float) -> int:
     """The ten bits of a cell's number along an axis, two places apart."""
-    bits = int(min(max(along, 0.0), 1023.0)) if along == along else 0
+    bits = grid_index(along, 1024)
     bits = (bits | (bits << 16)) & 0x030000FF
     bits = (bits | (bits << 8)) & 0x0300F00F
     bits = (bits | (bits << 4)) & 0x030C30C3
@@ -136,7 +138,7 @@ def list_partners(state: Any, parameters: Any, clusters: Any) -> None:
     reach = (1.0 + SKIN) / parameters.inverse_support[0]
     squared_reach = splat(reach * reach)
     _bound(position, clusters)
-    for cluster in range(len(clusters.count)):
+    for cluster in range(len(clusters.partner_count)):
         _mark_near_clusters(clusters, cluster, squared_reach)
         first, count = cluster * LANES, 0
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
@@ -148,7 +150,7 @@ def list_partners(state: Any, parameters: Any, clusters: Any) -> None:
                 dx, dy, dz = xi - splat(x[j]), yi - splat(y[j]), zi - splat(z[j])
                 clusters.partner[cluster, count] = j
                 count += any_less(dot(dx, dy, dz, dx, dy, dz), squared_reach)
-        clusters.count[cluster] = count
+        clusters.partner_count[cluster] = count
     for axis in range(3):
         for row in range(state.density.shape[0]):
             store(clusters.listed[axis], row, load(state.position[axis], row))
@@ -157,7 +159,7 @@ def list_partners(state: Any, parameters: Any, clusters: Any) -> None:
 @kernel
 def _bound(position: Any, clusters: Any) -> None:
     """Put a box around the particles of each cluster."""
-    for cluster in range(len(clusters.count)):
+    for cluster in range(len(clusters.partner_count)):
         for axis in range(3):
             low, high = np.inf, -np.inf
             for k in range(cluster * LANES, (cluster + 1) * LANES):
@@ -170,7 +172,7 @@ def _bound(position: Any, clusters: Any) -> None:
 def _mark_near_clusters(clusters: Any, cluster: int, squared_reach: Any) -> None:
     """Mark the particles of all clusters whose boxes are within reach of a cluster's."""
     count, zero = clusters.partner.shape[1], splat(0.0)
-    for first in range(0, len(clusters.count), LANES):
+    for first in range(0, len(clusters.partner_count), LANES):
         squared_gap = zero
         for axis in range(3):
             below = clusters.low[axis, cluster] - load_from(clusters.high[axis], first)
@@ -230,11 +232,11 @@ def add_cluster_density(state: Any, parameters: Any, clusters: Any) -> None:
     x, y, z = position[0], position[1], position[2]
     order, partner, near_partner = clusters.order, clusters.partner, clusters.near_partner
     inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
-    for cluster in range(len(clusters.count)):
+    for cluster in range(len(clusters.partner_count)):
         first, near_count = cluster * LANES, 0
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
         total = gather(density, order, first)
-        for k in range(clusters.count[cluster]):
+        for k in range(clusters.partner_count[cluster]):
             j = partner[cluster, k]
             dx, dy, dz = xi - splat(x[j]), yi - splat(y[j]), zi - splat(z[j])
             near = one_minus_q_of(dot(dx, dy, dz, dx, dy, dz), inverse_support, zero)
@@ -242,7 +244,7 @@ def add_cluster_density(state: Any, parameters: Any, clusters: Any) -> None:
             near_partner[cluster, near_count] = j
             near_count += any_less(zero, near)
         clusters.near_count[cluster] = near_count
-        scatter(density, order, first, LANES, total)
+        scatter(density, order, first, total)
 
 
 @kernel
@@ -276,9 +278,9 @@ def add_cluster_forces(state: Any, parameters: Any, clusters: Any) -> None:
                 inverse_support, pressure_factor, viscosity_factor, separation_floor,
             )  # fmt: skip
             axi, ayi, azi = fma(push, dx, axi), fma(push, dy, ayi), fma(push, dz, azi)
-        scatter(ax, order, first, LANES, axi)
-        scatter(ay, order, first, LANES, ayi)
-        scatter(az, order, first, LANES, azi)
+        scatter(ax, order, first, axi)
+        scatter(ay, order, first, ayi)
+        scatter(az, order, first, azi)
 
 
 @kernel

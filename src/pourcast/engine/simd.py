@@ -33,7 +33,6 @@ from numba.extending import intrinsic
 from pourcast.engine.compile import kernel
 
 
-
 def _machine_features() -> set[str]:
     """Features of the processor that Numba compiles for, such as ``avx2``; LLVM's names."""
     listed = numba.config.CPU_FEATURES
@@ -59,6 +58,7 @@ _FUSES = "fma" in _FEATURES or platform.machine() in ("aarch64", "arm64")
 _VECTOR = ir.VectorType(ir.FloatType(), LANES)
 _INDEX = ir.IntType(32)
 _INDICES = ir.VectorType(_INDEX, LANES)
+_MASK = ir.VectorType(ir.IntType(1), LANES)
 _FLOAT_SIZE = 4
 _ALIGNMENT = ir.Constant(_INDEX, _FLOAT_SIZE)
 _MXCSR_FTZ_DAZ = 0x8040
@@ -264,26 +264,13 @@ if numba.config.DISABLE_JIT:
         """The `LANES` values of a float32 array from index `first` on."""
         return array[first : first + LANES].copy()
 
-    def append_less(
-        a: Any, b: Any, source: Any, first: int, count: int, target: Any, index: int
-    ) -> int:
-        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `index` on.
-
-        Of the lanes, the first `count` are looked at. Returns how many were copied. `target` must
-        have room for `LANES` from `index` on; those that nothing is copied to may become 0.
-        """
-        chosen = source[first : first + LANES][(a < b) & (np.arange(LANES) < count)]
-        target[index : index + len(chosen)] = chosen
-        return len(chosen)
-
     def gather(array: Any, indices: Any, first: int) -> Any:
         """Values of a float32 array at the `LANES` indices (int32) listed from `first` on."""
         return array[indices[first : first + LANES]]
 
-    def scatter(array: Any, indices: Any, first: int, count: int, value: Any) -> None:
-        """Write the first `count` lanes to the indices listed from `first` on, all different."""
-        listed = indices[first : first + min(count, LANES)]
-        array[listed] = value[: len(listed)]
+    def scatter(array: Any, indices: Any, first: int, value: Any) -> None:
+        """Write a vector to the indices listed from `first` on, all different."""
+        array[indices[first : first + LANES]] = value
 
     def first_lanes(value: Any, count: int) -> Any:
         """The value in the first `count` lanes, 0 in the others."""
@@ -429,55 +416,12 @@ else:
         return vector(array, types.intp), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def append_less(
-        typingctx: Any,
-        a: Any,
-        b: Any,
-        source: Any,
-        first: Any,
-        count: Any,
-        target: Any,
-        index: Any,
-    ) -> Any:
-        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `index` on.
-
-        Of the lanes, the first `count` are looked at. Returns how many were copied. `target` must
-        have room for `LANES` from `index` on; those that nothing is copied to may become 0.
-        """
-
-        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            a, b, source, first, count, target, index = args
-            mask = builder.and_(builder.fcmp_ordered("<", a, b), _before(builder, count))
-            values = builder.load(
-                _pointer_at(context, builder, sig.args[2], source, first, _INDICES), align=4
-            )
-            compress = _intrinsic_function(
-                builder,
-                f"llvm.experimental.vector.compress.v{LANES}i32",
-                _INDICES,
-                [_INDICES, mask.type, _INDICES],
-            )
-            packed = builder.call(compress, [values, mask, ir.Constant(_INDICES, None)])
-            builder.store(
-                packed,
-                _pointer_at(context, builder, sig.args[5], target, index, _INDICES),
-                align=4,
-            )
-            chosen = builder.ctpop(builder.bitcast(mask, ir.IntType(LANES)))
-            return builder.zext(chosen, first.type)
-
-        index_type = types.intp
-        return index_type(
-            vector, vector, source, index_type, index_type, target, index_type
-        ), generate
-
-    @intrinsic  # type: ignore[untyped-decorator]
     def gather(typingctx: Any, array: Any, indices: Any, first: Any) -> Any:
         """Values of a float32 array at the `LANES` indices (int32) listed from `first` on."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             pointers = _listed_pointers(context, builder, sig, args)
-            mask = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] * LANES)
+            mask = ir.Constant(_MASK, [1] * LANES)
             arguments = [pointers, _ALIGNMENT, mask, ir.Constant(_VECTOR, ir.Undefined)]
             function = _intrinsic_function(
                 builder,
@@ -490,14 +434,12 @@ else:
         return vector(array, indices, types.intp), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def scatter(
-        typingctx: Any, array: Any, indices: Any, first: Any, count: Any, value: Any
-    ) -> Any:
-        """Write the first `count` lanes to the indices listed from `first` on, all different."""
+    def scatter(typingctx: Any, array: Any, indices: Any, first: Any, value: Any) -> Any:
+        """Write a vector to the indices listed from `first` on, all different."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             pointers = _listed_pointers(context, builder, sig, args)
-            arguments = [args[4], pointers, _ALIGNMENT, _before(builder, args[3])]
+            arguments = [args[3], pointers, _ALIGNMENT, ir.Constant(_MASK, [1] * LANES)]
             function = _intrinsic_function(
                 builder,
                 f"llvm.masked.scatter.v{LANES}f32.v{LANES}p0",
@@ -507,7 +449,7 @@ else:
             builder.call(function, arguments)
             return context.get_dummy_value()
 
-        return types.void(array, indices, types.intp, types.intp, vector), generate
+        return types.void(array, indices, types.intp, vector), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
     def first_lanes(typingctx: Any, value: Any, count: Any) -> Any:
