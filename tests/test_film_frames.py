@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from pourcast.pictures.drawing import liquid_cover
+from pourcast.pictures.cover import liquid_cover
 from pourcast.pictures.panels import draw_pour, film_figure
 from pourcast.pictures.predictions import PredictedPaths, PredictedPour
 from pourcast.pictures.video import write_film, write_gif

@@ -14,16 +14,8 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 from PIL import Image
 
-from pourcast.pictures.drawing import (
-    CELL,
-    MARBLE_OPACITY,
-    draw_paths,
-    draw_scene,
-    draw_start,
-    liquid_cover,
-    liquid_image,
-    marble_covers,
-)
+from pourcast.pictures.cover import MARBLE_OPACITY, liquid_cover, marble_covers
+from pourcast.pictures.drawing import CELL, draw_paths, draw_scene, draw_start, liquid_image
 from pourcast.pictures.predictions import PredictedPaths, PredictedPour
 from pourcast.pictures.video import FRAME_RATE, Picture
 from pourcast.scenes.liquids.registry import WATER
@@ -117,13 +109,9 @@ class FilmFigure:
         """
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")
-        full = self._drawn()
-        for flood, _ in self.floods:
-            flood.set_data(_one_pixel((1.0, 1.0, 1.0)))
-        white = self._drawn() if any(pour.marbles for _, pour in self.floods) else full
-        for flood, _ in self.floods:
-            flood.set_visible(False)
-        empty = self._drawn()
+        full = self._drawn([pour.colour for _, pour in self.floods])
+        white = self._drawn([(1.0, 1.0, 1.0)] * len(self.floods))
+        empty = self._drawn([])
         panels = [
             _FlowingPanel(flood.axes, self.scene, pour, empty, full, white)
             for flood, pour in self.floods
@@ -138,7 +126,12 @@ class FilmFigure:
 
         return picture
 
-    def _drawn(self) -> Image.Image:
+    def _drawn(self, colours: Sequence[tuple[float, float, float]]) -> Image.Image:
+        """The figure, with panels full of some colours or empty."""
+        for flood, _ in self.floods:
+            flood.set_visible(bool(colours))
+        for (flood, _), colour in zip(self.floods, colours, strict=False):
+            flood.set_data([[colour]])
         canvas: Any = FigureCanvasAgg(self.figure)
         canvas.draw()
         return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
@@ -211,10 +204,6 @@ def film_figure(scene: Scene, predictions: Sequence[PredictedPour | PredictedPat
             draw_predicted_paths(axes, scene, one)
         else:
             extent = (0.0, scene.box.width, 0.0, scene.box.height)
-            flood = axes.imshow(_one_pixel(one.colour), extent=extent, zorder=3)
+            flood = axes.imshow([[one.colour]], extent=extent, zorder=3)
             floods.append((flood, one))
     return FilmFigure(scene, figure, floods)
-
-
-def _one_pixel(colour: tuple[float, float, float]) -> NDArray[np.float64]:
-    return np.array([[colour]])
