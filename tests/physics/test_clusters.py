@@ -78,7 +78,6 @@ def test_lists_hold_all_that_is_near_in_the_order_of_numbers(count):
     single, one = Single(count), job(place, support_radius=0.13)
     single.put([Simulation(0, one)], 1e-4)
     lists = single._clusters
-    clusters.list_partners(single.state, single.parameters, lists)
     assert sorted(lists.order) == list(range(len(lists.order)))
     tree = KDTree(place)
     for cluster, partners in enumerate(lists.partner):
@@ -91,6 +90,30 @@ def test_lists_hold_all_that_is_near_in_the_order_of_numbers(count):
         far = set(np.concatenate(tree.query_ball_point(place[members], 0.2)).astype(int))
         assert set(listed.tolist()) <= far
     assert not lists.marked.any()
+
+
+@pytest.mark.parametrize("members", [2, 3])
+def test_a_team_of_threads_has_the_same_bits(monkeypatch, members):
+    monkeypatch.setattr(clusters, "PARTICLES_A_MEMBER", 40)
+    scenes = random_scenes(2, seed=6)
+    pours = [Pour(scenes[0], WATER, 170), Pour(scenes[1], HONEY_EXP1, 120, 3.0)]
+    for pour in pours:
+        alone, shared = (
+            simulate([pour], settings=SHORT, record=True, threads=threads)
+            for threads in (1, members)
+        )
+        assert told(alone[0]) == told(shared[0])
+
+
+def test_threads_without_simulations_of_their_own_help_with_the_others(monkeypatch):
+    joined = []
+    join = Single.join
+    monkeypatch.setattr(Single, "join", lambda single: joined.append(single) or join(single))
+    simulate([Pour(random_scenes(1)[0], WATER, 400)], settings=SHORT, threads=3)
+    assert len(joined) == 2
+    joined.clear()
+    simulate([Pour(random_scenes(1)[0], WATER, 40)], settings=SHORT, threads=3)
+    assert not joined
 
 
 def test_clusters_are_of_particles_near_one_another():

@@ -107,7 +107,7 @@ def test_a_sphere_between_two_solids_that_leave_no_room_stays_where_it_was():
     state.position[:2, 0, 0] = 0.4895, 0.7
     state.previous[:, 0, 0] = 0.5, 0.701
     state.velocity[:, 0, 0] = -1.0, -1.0, 0.5
-    collide_with_polygons(state, lanes, solids, cells)
+    collide_with_polygons(state, lanes, solids, cells, 0, len(state.density))
     x, y = state.position[:2, 0, 0]
     assert 0.49 < x < 0.51
     assert state.touched[0, 0] == 1.0

@@ -3,7 +3,7 @@
 Simulations of one particle count and step run in lockstep where there are enough of them to fill
 the lanes; the others one at a time, their particles in the lanes (`block`). One that has come to
 rest leaves its lane, and the next in the queue takes it. When the queue is empty and few are left
-in a block, they go on one by one, on whatever threads are free.
+in a block, they go on one by one, on whatever threads are free; several threads share a large one.
 
 A simulation's result has the same bits alone, in any batch and on any number of threads.
 """
@@ -19,6 +19,7 @@ from functools import partial
 import numpy as np
 
 from pourcast.engine.block import Block, Kind, Lockstep, Simulation, Single, lanes_worth
+from pourcast.engine.clusters import most_members
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN
 from pourcast.engine.job import Job, Result, Stepping
 from pourcast.engine.simd import LANES, flush_denormals
@@ -104,7 +105,7 @@ def run_batches(
         if on_done is not None:
             on_done(number, result)
 
-    worker_count = min(threads or available_cores(), total)
+    worker_count = min(threads or available_cores(), sum(_most_threads(b) for b in batches))
     with ThreadPoolExecutor(worker_count, initializer=flush_denormals) as pool:
         work = _Work(worker_count, done)
         try:
@@ -119,6 +120,12 @@ def run_batches(
         finally:
             work.stop()
     return [result for result in results if result is not None]
+
+
+def _most_threads(batch: Batch) -> int:
+    """Threads that a batch may have work for."""
+    members = most_members(batch.particle_count) if batch.kind == "liquid" else 1
+    return members * len(batch.jobs)
 
 
 @dataclass
@@ -141,6 +148,8 @@ class _Work:
     def __init__(self, worker_count: int, on_done: OnDone) -> None:
         self._worker_count, self._on_done = worker_count, on_done
         self._queues: list[_Queue] = []
+        self._singles: list[Single] = []
+        """Those that are running."""
         self._changed = threading.Condition()
         self._busy = 0
         self._stopped = False
@@ -163,26 +172,42 @@ class _Work:
 
     def run(self) -> None:
         """Work until nothing is left; one thread."""
-        while (taken := self._take()) is not None:
-            try:
-                self._run_block(*taken)
-            finally:
-                with self._changed:
-                    self._busy -= 1
-                    self._changed.notify_all()
+        while (call := self._take()) is not None:
+            call()
 
-    def _take(self) -> tuple[_Queue, Block, list[Simulation]] | None:
-        """The next block to run; waits for what other threads may hand over."""
+    def _take(self) -> Callable[[], None] | None:
+        """What to do next: run a block, or help another thread with its single simulation.
+
+        Waits for what other threads may hand over, or need help with.
+        """
         with self._changed:
             while not self._stopped:
                 left = [queue for queue in self._queues if queue.waiting]
                 if left:
                     self._busy += 1
-                    return self._next_block(left)
+                    return partial(self._run_and_tell, *self._next_block(left))
                 if not self._busy:
                     return None
+                single = next((one for one in self._singles if one.wants_help), None)
+                if single is not None:
+                    return single.join()
                 self._changed.wait()
         return None
+
+    def _run_and_tell(self, queue: _Queue, block: Block, taken: list[Simulation]) -> None:
+        if isinstance(block, Single):
+            with self._changed:
+                self._singles.append(block)
+                self._changed.notify_all()
+        try:
+            self._run_block(queue, block, taken)
+        finally:
+            with self._changed:
+                if isinstance(block, Single):
+                    self._singles.remove(block)
+                    block.regroup(alone=True)
+                self._busy -= 1
+                self._changed.notify_all()
 
     def _next_block(self, left: Sequence[_Queue]) -> tuple[_Queue, Block, list[Simulation]]:
         queue = left[0]
@@ -204,6 +229,8 @@ class _Work:
                 self._on_done(number, result)
             with self._changed:
                 taken = _take_from(queue.waiting, width - len(block.simulations))
+                if isinstance(block, Single):
+                    block.regroup(alone=any(other.waiting for other in self._queues))
                 if not block.simulations and not taken:
                     return
                 if block.lanes > 1 and len(block.simulations) + len(taken) < few:

@@ -4,9 +4,11 @@ Both keep their particles in the same arrays (`state`), and a simulation can be 
 another between two frames: its bits don't depend on where it is computed.
 """
 
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -27,7 +29,8 @@ from pourcast.engine.job import Job, Result, Stepping
 from pourcast.engine.simd import LANES
 from pourcast.engine.smoothing import GRADIENT_FACTOR
 from pourcast.engine.solids import BroadPhase, Solids
-from pourcast.engine.state import LaneParameters, empty_parameters, empty_state
+from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
+from pourcast.engine.team import Helper
 from pourcast.errors import SimulationDivergedError
 
 Kind = Literal["liquid", "marbles"]
@@ -42,6 +45,9 @@ REST_FRAMES = 6
 HEAD_MARGIN = 0.9
 """It also ends when the outcome is decided: for REST_FRAMES frames in a row no
 particle's head reaches this share of the height of the rim."""
+
+_MOST_SLOW_FRAMES = 3
+"""Frames that may take a team longer than its leader alone, before that goes on alone."""
 
 _OF_A_BLOCK = ("squared_top_speed", "most_near")
 """Fields of `State` that are no particle's own; both are found anew."""
@@ -318,6 +324,11 @@ class Single(Block):
     def __init__(self, count: int) -> None:
         super().__init__(count, -(-count // LANES), "liquid")
         self._clusters = clusters.empty_clusters(count)
+        self.helpers: list[Helper] = []
+        """Threads that share the simulation."""
+        self._joining: list[Helper] = []
+        self._seconds_alone = np.inf
+        self._slow_frames = 0
 
     def particles_of(self, array: NDArray[Any], lane: int) -> NDArray[Any]:
         """View of a field of `State` for the one simulation, copies of the last particle too."""
@@ -326,9 +337,64 @@ class Single(Block):
     def _find_density(self) -> None:
         clusters.find_density(self.state, self.parameters, self._clusters)
 
-    def _advance(self, *arguments: Any) -> None:
+    def _advance(self, state: State, *arguments: Any) -> None:
         advance: Any = clusters.advance_one
-        advance(*arguments, self._clusters)
+        members = 1 + len(self.helpers)
+        self._clusters.arrived[0] = 0
+        # Each notes the greatest speed of its own particles.
+        speeds = np.zeros((members, LANES), np.float32)
+        calls = [
+            partial(
+                advance, state._replace(squared_top_speed=speed), *arguments, self._clusters,
+                member, members,
+            )
+            for member, speed in enumerate(speeds)
+        ]  # fmt: skip
+        start = time.perf_counter()
+        for helper, call in zip(self.helpers, calls[1:], strict=True):
+            helper.begin(call)
+        calls[0]()
+        for helper in self.helpers:
+            helper.wait()
+        seconds = time.perf_counter() - start
+        state.squared_top_speed[:] = speeds.max(axis=0)
+        if members == 1:
+            self._seconds_alone = min(self._seconds_alone, seconds)
+        else:
+            self._slow_frames += seconds > self._seconds_alone
+
+    @property
+    def wants_help(self) -> bool:
+        """Whether a further thread would be worth its while.
+
+        It isn't where other programs keep the processor from threads that the others wait for.
+        """
+        members = 1 + len(self.helpers) + len(self._joining)
+        return members < clusters.most_members(self.count) and not self._is_slowed
+
+    @property
+    def _is_slowed(self) -> bool:
+        return self._slow_frames >= _MOST_SLOW_FRAMES
+
+    def join(self) -> Callable[[], None]:
+        """Let another thread share the simulation, from the next frame on.
+
+        Returns
+        -------
+        callable
+            What that thread has to call; it returns when the help is over.
+        """
+        self._joining.append(helper := Helper())
+        return helper.help
+
+    def regroup(self, *, alone: bool) -> None:
+        """Let in who has joined, or all helpers go; between two frames."""
+        self.helpers += self._joining
+        self._joining.clear()
+        if alone or self._is_slowed:
+            for helper in self.helpers:
+                helper.let_go()
+            self.helpers.clear()
 
 
 _PARTICLES_A_LANE = {16: 9.0, 8: 12.0, 4: 14.0}

@@ -8,6 +8,9 @@ another's.
 
 A list holds its partners in the order of their numbers. So every particle's sum is taken in the
 order in which lockstep takes it, and lacks only what is 0: the same bits.
+
+Several threads can share a simulation, a team: each has clusters and rows of its own, and all wait
+for one another where a phase of the step needs the whole of the last.
 """
 
 from typing import Any, NamedTuple
@@ -17,9 +20,9 @@ from numpy.typing import NDArray
 
 from pourcast.engine.compile import kernel
 from pourcast.engine.contact import collide_with_box, collide_with_polygons
-from pourcast.engine.density import divide_by_rest_density, start_density
+from pourcast.engine.equation_of_state import pressure_term
 from pourcast.engine.integrator import integrate
-from pourcast.engine.momentum import pair_push, start_forces
+from pourcast.engine.momentum import pair_push
 from pourcast.engine.simd import (
     LANES,
     any_less,
@@ -37,9 +40,17 @@ from pourcast.engine.simd import (
 )
 from pourcast.engine.smoothing import dot, one_minus_q_of, weight
 from pourcast.engine.solids import grid_index
+from pourcast.engine.team import add_one, read, yield_processor
+from pourcast.engine.walls import wall_density, wall_push
 
 SKIN = 0.2
 """Extra reach of the lists, in support radii."""
+
+PARTICLES_A_MEMBER = 150
+"""Particles that a further thread takes to be worth its while."""
+
+_LOOKS = 200
+"""Looks for the others before the processor is left to them."""
 
 _MARGIN = 0.999
 """Share of the skin that may be used up, for rounding errors."""
@@ -67,7 +78,18 @@ class Clusters(NamedTuple):
     high: NDArray[np.float32]
     """Greatest ones; an entry without a cluster is infinitely far from all."""
     marked: NDArray[np.int64]
-    """Room for a bit for each particle, 64 to an entry; 0 between calls."""
+    """Room for a bit for each particle, 64 to an entry, for each thread of a team; 0 between calls,
+    shape [members, at least particle_count / 64]."""
+    arrived: NDArray[np.int64]
+    """How often a thread of the team has come to where all wait, shape [1]."""
+
+
+def most_members(count: int) -> int:
+    """Threads for which there is work enough in a simulation of `count` particles.
+
+    With fewer particles to each, they would wait for one another more than they compute.
+    """
+    return 1 + count // PARTICLES_A_MEMBER
 
 
 def empty_clusters(count: int) -> Clusters:
@@ -84,7 +106,8 @@ def empty_clusters(count: int) -> Clusters:
         listed=np.zeros((3, rows, LANES), np.float32),
         low=np.full((3, padded), np.inf, np.float32),
         high=np.full((3, padded), -np.inf, np.float32),
-        marked=np.zeros(-(-count // 64), np.int64),
+        marked=np.zeros((most_members(count), -(-count // 64)), np.int64),
+        arrived=np.zeros(1, np.int64),
     )
 
 
@@ -130,16 +153,29 @@ def _spread(along: float) -> int:
 
 
 @kernel
-def list_partners(state: Any, parameters: Any, clusters: Any) -> None:
-    """List each cluster's partners: what is within reach and skin of any of its particles."""
+def list_partners(
+    state: Any, parameters: Any, clusters: Any, member: int, begin: int, end: int
+) -> None:
+    """List partners of some clusters: what is within reach and skin of any of their particles.
+
+    Parameters
+    ----------
+    state, parameters
+        The particles and their parameters.
+    clusters
+        Their partners are written; boxes are around all of them.
+    member
+        Which thread of a team this is.
+    begin, end
+        Clusters ``begin:end`` are looked at.
+    """
     position = state.position.reshape(3, state.density.size)
     x, y, z = position[0], position[1], position[2]
-    order, marked = clusters.order, clusters.marked
+    order, marked = clusters.order, clusters.marked[member]
     reach = (1.0 + SKIN) / parameters.inverse_support[0]
     squared_reach = splat(reach * reach)
-    _bound(position, clusters)
-    for cluster in range(len(clusters.partner_count)):
-        _mark_near_clusters(clusters, cluster, squared_reach)
+    for cluster in range(begin, end):
+        _mark_near_clusters(clusters, marked, cluster, squared_reach)
         first, count = cluster * LANES, 0
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
         for word in range(len(marked)):
@@ -151,25 +187,24 @@ def list_partners(state: Any, parameters: Any, clusters: Any) -> None:
                 clusters.partner[cluster, count] = j
                 count += any_less(dot(dx, dy, dz, dx, dy, dz), squared_reach)
         clusters.partner_count[cluster] = count
-    for axis in range(3):
-        for row in range(state.density.shape[0]):
-            store(clusters.listed[axis], row, load(state.position[axis], row))
 
 
 @kernel
-def _bound(position: Any, clusters: Any) -> None:
-    """Put a box around the particles of each cluster."""
-    for cluster in range(len(clusters.partner_count)):
+def bound(state: Any, clusters: Any, begin: int, end: int) -> None:
+    """Put a box around the particles of clusters ``begin:end``; note where those rows are."""
+    position = state.position.reshape(3, state.density.size)
+    for cluster in range(begin, end):
         for axis in range(3):
             low, high = np.inf, -np.inf
             for k in range(cluster * LANES, (cluster + 1) * LANES):
                 along = position[axis, clusters.order[k]]
                 low, high = min(low, along), max(high, along)
             clusters.low[axis, cluster], clusters.high[axis, cluster] = low, high
+            store(clusters.listed[axis], cluster, load(state.position[axis], cluster))
 
 
 @kernel
-def _mark_near_clusters(clusters: Any, cluster: int, squared_reach: Any) -> None:
+def _mark_near_clusters(clusters: Any, marked: Any, cluster: int, squared_reach: Any) -> None:
     """Mark the particles of all clusters whose boxes are within reach of a cluster's."""
     count, zero = clusters.partner.shape[1], splat(0.0)
     for first in range(0, len(clusters.partner_count), LANES):
@@ -186,7 +221,7 @@ def _mark_near_clusters(clusters: Any, cluster: int, squared_reach: Any) -> None
             for k in range(near * LANES, (near + 1) * LANES):
                 if clusters.order[k] < count:
                     particle = np.int64(clusters.order[k])
-                    clusters.marked[particle >> 6] |= np.int64(1) << (particle & 63)
+                    marked[particle >> 6] |= np.int64(1) << (particle & 63)
 
 
 @kernel
@@ -225,17 +260,19 @@ def _moved(state: Any, clusters: Any, row: int) -> Any:
 
 
 @kernel
-def add_cluster_density(state: Any, parameters: Any, clusters: Any) -> None:
-    """Add the weights of its partners and its own to each particle's density; note who is near."""
+def find_cluster_density(state: Any, parameters: Any, clusters: Any, begin: int, end: int) -> None:
+    """Density over rest density, and pressure, of clusters ``begin:end``; notes who is near."""
     size = state.density.size
-    position, density = state.position.reshape(3, size), state.density.reshape(size)
+    position = state.position.reshape(3, size)
+    density, pressure = state.density.reshape(size), state.pressure.reshape(size)
     x, y, z = position[0], position[1], position[2]
     order, partner, near_partner = clusters.order, clusters.partner, clusters.near_partner
     inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
-    for cluster in range(len(clusters.partner_count)):
+    scale = 1.0 / load(parameters.reference_density, 0)
+    for cluster in range(begin, end):
         first, near_count = cluster * LANES, 0
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
-        total = gather(density, order, first)
+        total = wall_density(xi, yi, zi, parameters)
         for k in range(clusters.partner_count[cluster]):
             j = partner[cluster, k]
             dx, dy, dz = xi - splat(x[j]), yi - splat(y[j]), zi - splat(z[j])
@@ -244,30 +281,30 @@ def add_cluster_density(state: Any, parameters: Any, clusters: Any) -> None:
             near_partner[cluster, near_count] = j
             near_count += any_less(zero, near)
         clusters.near_count[cluster] = near_count
-        scatter(density, order, first, total)
+        scatter(density, order, first, total * scale)
+        scatter(pressure, order, first, pressure_term(total * scale, zero))
 
 
 @kernel
-def add_cluster_forces(state: Any, parameters: Any, clusters: Any) -> None:
-    """Pressure and artificial viscosity by the partners that are near."""
+def find_cluster_forces(state: Any, parameters: Any, clusters: Any, begin: int, end: int) -> None:
+    """Acceleration of clusters ``begin:end`` by the walls and by the partners that are near."""
     size = state.density.size
     position, velocity = state.position.reshape(3, size), state.velocity.reshape(3, size)
     acceleration = state.acceleration.reshape(3, size)
     density, pressure = state.density.reshape(size), state.pressure.reshape(size)
     x, y, z = position[0], position[1], position[2]
     u, v, w = velocity[0], velocity[1], velocity[2]
-    ax, ay, az = acceleration[0], acceleration[1], acceleration[2]
     order, near_partner = clusters.order, clusters.near_partner
     inverse_support = load(parameters.inverse_support, 0)
     pressure_factor = load(parameters.pressure_factor, 0)
     viscosity_factor = load(parameters.viscosity_factor, 0)
     separation_floor = load(parameters.separation_floor, 0)
-    for cluster in range(len(clusters.near_count)):
+    for cluster in range(begin, end):
         first = cluster * LANES
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
         ui, vi, wi = gather(u, order, first), gather(v, order, first), gather(w, order, first)
         density_i, pressure_i = gather(density, order, first), gather(pressure, order, first)
-        axi, ayi, azi = gather(ax, order, first), gather(ay, order, first), gather(az, order, first)
+        axi, ayi, azi = wall_push(pressure_i, xi, yi, zi, parameters)
         for k in range(clusters.near_count[cluster]):
             j = near_partner[cluster, k]
             dx, dy, dz = xi - splat(x[j]), yi - splat(y[j]), zi - splat(z[j])
@@ -278,19 +315,19 @@ def add_cluster_forces(state: Any, parameters: Any, clusters: Any) -> None:
                 inverse_support, pressure_factor, viscosity_factor, separation_floor,
             )  # fmt: skip
             axi, ayi, azi = fma(push, dx, axi), fma(push, dy, ayi), fma(push, dz, azi)
-        scatter(ax, order, first, axi)
-        scatter(ay, order, first, ayi)
-        scatter(az, order, first, azi)
+        scatter(acceleration[0], order, first, axi)
+        scatter(acceleration[1], order, first, ayi)
+        scatter(acceleration[2], order, first, azi)
 
 
 @kernel
 def find_density(state: Any, parameters: Any, clusters: Any) -> None:
     """Density of one simulation, over that at rest."""
+    count = len(clusters.partner_count)
     sort_along_curve(state, clusters, parameters.radius[0])
-    list_partners(state, parameters, clusters)
-    start_density(state, parameters)
-    add_cluster_density(state, parameters, clusters)
-    divide_by_rest_density(state, parameters)
+    bound(state, clusters, 0, count)
+    list_partners(state, parameters, clusters, 0, 0, count)
+    find_cluster_density(state, parameters, clusters, 0, count)
 
 
 @kernel
@@ -302,14 +339,17 @@ def advance_one(
     step: float,
     steps: int,
     clusters: Any,
+    member: int,
+    members: int,
 ) -> None:
-    """Move one simulation on by a number of steps.
+    """Move one simulation on by a number of steps; each thread of a team calls it.
 
     Parameters
     ----------
     state
         The particles, particle i in row i // LANES, lane i % LANES; changed in place. Slots
-        beyond the last particle hold copies of it.
+        beyond the last particle hold copies of it. Threads of a team share it, but for
+        `squared_top_speed`.
     parameters
         Parameters, the same in every lane.
     solids, broad_phase
@@ -320,17 +360,47 @@ def advance_one(
         How many.
     clusters
         Clusters of the particles; made anew.
+    member, members
+        Which thread of the team this is, and how many there are: 0 and 1 alone. `arrived` must
+        be 0 before the first of them calls.
     """
-    sort_along_curve(state, clusters, parameters.radius[0])
-    list_partners(state, parameters, clusters)
+    arrived, count = clusters.arrived, len(clusters.partner_count)
+    begin, end = count * member // members, count * (member + 1) // members
+    if member == 0:
+        sort_along_curve(state, clusters, parameters.radius[0])
+    meetings, stale = 0, True
     for _ in range(steps):
-        if have_moved(state, parameters, clusters):
-            list_partners(state, parameters, clusters)
-        start_density(state, parameters)
-        add_cluster_density(state, parameters, clusters)
-        divide_by_rest_density(state, parameters)
-        start_forces(state, parameters)
-        add_cluster_forces(state, parameters, clusters)
-        integrate(state, parameters, step)
-        collide_with_box(state, parameters)
-        collide_with_polygons(state, parameters, solids, broad_phase)
+        stale = stale or have_moved(state, parameters, clusters)
+        if stale:
+            meetings = meet(arrived, members, meetings)
+            bound(state, clusters, begin, end)
+            meetings = meet(arrived, members, meetings)
+            list_partners(state, parameters, clusters, member, begin, end)
+            stale = False
+        find_cluster_density(state, parameters, clusters, begin, end)
+        meetings = meet(arrived, members, meetings)
+        find_cluster_forces(state, parameters, clusters, begin, end)
+        meetings = meet(arrived, members, meetings)
+        integrate(state, parameters, step, begin, end)
+        collide_with_box(state, parameters, begin, end)
+        collide_with_polygons(state, parameters, solids, broad_phase, begin, end)
+        meetings = meet(arrived, members, meetings)
+
+
+@kernel
+def meet(arrived: Any, members: int, meetings: int) -> int:
+    """Wait until all threads of a team have come here; returns how often they have met by then.
+
+    They wait by looking again and again, for another thread is there within microseconds; where
+    it isn't running, the processor is left to it.
+    """
+    if members == 1:
+        return 0
+    meetings += 1
+    add_one(arrived)
+    looks = 0
+    while read(arrived) < meetings * members:
+        looks += 1
+        if looks % _LOOKS == 0:
+            yield_processor()
+    return meetings

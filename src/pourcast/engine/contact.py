@@ -47,7 +47,9 @@ _FAR = 1e6
 
 
 @kernel
-def collide_with_polygons(state: Any, parameters: Any, solids: Any, broad_phase: Any) -> None:
+def collide_with_polygons(
+    state: Any, parameters: Any, solids: Any, broad_phase: Any, begin: int, end: int
+) -> None:
     """Push spheres out of polygons, stop their motion into them, let them stick.
 
     Parameters
@@ -58,8 +60,10 @@ def collide_with_polygons(state: Any, parameters: Any, solids: Any, broad_phase:
         Parameters of the lanes.
     solids, broad_phase
         The polygons and the broad phase.
+    begin, end
+        Rows ``begin:end`` are looked at.
     """
-    for row in range(state.density.shape[0]):
+    for row in range(begin, end):
         dx = load(state.position[0], row) - load(state.listed_at[0], row)
         dy = load(state.position[1], row) - load(state.listed_at[1], row)
         if any_less(load(state.squared_slack, row), fma(dx, dx, dy * dy)):
@@ -281,8 +285,8 @@ def _collide_row(state: Any, parameters: Any, row: int, slot_count: int) -> None
 
 
 @kernel
-def collide_with_box(state: Any, parameters: Any) -> None:
-    """Keep spheres inside the box; side walls and floor are sticky, front and back are not.
+def collide_with_box(state: Any, parameters: Any, begin: int, end: int) -> None:
+    """Keep spheres of rows ``begin:end`` inside the box, of which side walls and floor are sticky.
 
     The front and back panes are the plane of the picture rather than things in
     the scene: a liquid that stuck to them would never leave its start.
@@ -297,7 +301,7 @@ def collide_with_box(state: Any, parameters: Any) -> None:
     back = load(parameters.depth, 0) - radius
     width = load(parameters.width, 0)
     zero, one = splat(0.0), splat(1.0)
-    for row in range(state.position.shape[1]):
+    for row in range(begin, end):
         x, y = load(state.position[0], row), load(state.position[1], row)
         z = load(state.position[2], row)
         u, v = load(state.velocity[0], row), load(state.velocity[1], row)

@@ -12,25 +12,16 @@ from typing import Any
 from pourcast.engine.compile import kernel
 from pourcast.engine.simd import load, splat, store
 from pourcast.engine.smoothing import dot, one_minus_q_of, weight
-from pourcast.engine.walls import image_density
+from pourcast.engine.walls import wall_density
 
 
 @kernel
 def start_density(state: Any, parameters: Any) -> None:
     """What each particle's mirror images in the walls add to its density."""
-    inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
-    width, depth, ceiling = (
-        load(parameters.width, 0),
-        load(parameters.depth, 0),
-        load(parameters.ceiling, 0),
-    )
     for row in range(state.density.shape[0]):
         x, y = load(state.position[0], row), load(state.position[1], row)
         z = load(state.position[2], row)
-        total = image_density(x, width - x, inverse_support, zero)
-        total = total + image_density(y, ceiling - y, inverse_support, zero)
-        total = total + image_density(z, depth - z, inverse_support, zero)
-        store(state.density, row, total)
+        store(state.density, row, wall_density(x, y, z, parameters))
 
 
 @kernel

@@ -10,12 +10,12 @@ from pourcast.engine.simd import fma, fnma, load, maximum, splat, store
 
 
 @kernel
-def integrate(state: Any, parameters: Any, step: float) -> None:
-    """One step under the forces found, gravity and damping; notes the greatest speed."""
+def integrate(state: Any, parameters: Any, step: float, begin: int, end: int) -> None:
+    """One step of rows ``begin:end`` under the forces found; notes the greatest speed."""
     gravity, damping = load(parameters.gravity, 0), load(parameters.damping, 0)
     dt, zero = splat(step), splat(0.0)
     fastest = load(state.squared_top_speed, 0)
-    for row in range(state.density.shape[0]):
+    for row in range(begin, end):
         squared_speed = zero
         for axis in range(3):
             rate = load(state.acceleration[axis], row)

@@ -14,33 +14,22 @@ from pourcast.engine.equation_of_state import pressure_term
 from pourcast.engine.simd import fma, fnma, load, splat, store
 from pourcast.engine.smoothing import dot, gradient, one_minus_q_of
 from pourcast.engine.viscosity import approach_rate
-from pourcast.engine.walls import image_push
+from pourcast.engine.walls import wall_push
 
 
 @kernel
 def start_forces(state: Any, parameters: Any) -> None:
     """Pressure of each particle, and the walls' part of its acceleration."""
     zero = splat(0.0)
-    inverse_support, factor = (
-        load(parameters.inverse_support, 0),
-        load(parameters.pressure_factor, 0),
-    )
-    width, depth, ceiling = (
-        load(parameters.width, 0),
-        load(parameters.depth, 0),
-        load(parameters.ceiling, 0),
-    )
     for row in range(state.density.shape[0]):
         pressure = pressure_term(load(state.density, row), zero)
         store(state.pressure, row, pressure)
         x, y = load(state.position[0], row), load(state.position[1], row)
         z = load(state.position[2], row)
-        push_x = image_push(pressure, x, width - x, inverse_support, zero)
-        push_y = image_push(pressure, y, ceiling - y, inverse_support, zero)
-        push_z = image_push(pressure, z, depth - z, inverse_support, zero)
-        store(state.acceleration[0], row, factor * push_x)
-        store(state.acceleration[1], row, factor * push_y)
-        store(state.acceleration[2], row, factor * push_z)
+        push_x, push_y, push_z = wall_push(pressure, x, y, z, parameters)
+        store(state.acceleration[0], row, push_x)
+        store(state.acceleration[1], row, push_y)
+        store(state.acceleration[2], row, push_z)
 
 
 @kernel

@@ -84,9 +84,10 @@ def advance(
     steps
         How many.
     """
+    rows = state.density.shape[0]
     for _ in range(steps):
-        integrate(state, parameters, step)
+        integrate(state, parameters, step, 0, rows)
         for _ in range(PASSES):
             collide_spheres(state, parameters)
-            collide_with_box(state, parameters)
-            collide_with_polygons(state, parameters, solids, broad_phase)
+            collide_with_box(state, parameters, 0, rows)
+            collide_with_polygons(state, parameters, solids, broad_phase, 0, rows)

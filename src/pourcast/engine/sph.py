@@ -50,8 +50,9 @@ def advance(
     steps
         How many.
     """
+    rows = state.density.shape[0]
     for _ in range(steps):
         find_forces(state, parameters)
-        integrate(state, parameters, step)
-        collide_with_box(state, parameters)
-        collide_with_polygons(state, parameters, solids, broad_phase)
+        integrate(state, parameters, step, 0, rows)
+        collide_with_box(state, parameters, 0, rows)
+        collide_with_polygons(state, parameters, solids, broad_phase, 0, rows)
