@@ -1,12 +1,12 @@
 """Judgments of models on scenes, as a tidy table."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import pandas as pd
 
-from pourcast.models.base import judge_checked
+from pourcast.models.base import JudgmentRequest, judge_together
 from pourcast.models.registry import make_model
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
@@ -21,9 +21,13 @@ def predict(
     seed: int = 0,
     *,
     own: Sequence[Liquid] = (),
+    record: Collection[str] = (),
     report: Report = no_report,
 ) -> pd.DataFrame:
     """Let models judge scenes.
+
+    Pours of all models are run together, each different one once; what was poured in this process
+    lately is not poured again.
 
     Parameters
     ----------
@@ -38,6 +42,8 @@ def predict(
         Source of all randomness.
     own
         A study's own liquids, which `liquid` and the models' parameters can name.
+    record
+        Models whose typical pours are recorded, so that `show` need not run them again.
     report
         Told of the progress.
 
@@ -54,17 +60,20 @@ def predict(
     """
     built = {spec: make_model(spec, own) for spec in dict.fromkeys(models)}
     by_goal = {scene.goal.kind: resolve_liquid(liquid, scene, own) for scene in scenes}
+    members = {
+        kind: [k for k, scene in enumerate(scenes) if scene.goal.kind == kind] for kind in by_goal
+    }
+    requests = [
+        JudgmentRequest(spec, model, [scenes[k] for k in members[kind]], trial_liquid)
+        for spec, model in built.items()
+        for kind, trial_liquid in by_goal.items()
+    ]
+    judged = iter(judge_together(requests, seed, record=record, report=report))
     tables = []
     for spec, model in built.items():
-
-        def progress(done: int, total: int, spec: str = spec) -> None:
-            report(spec, done, total)
-
         judgments = np.empty(len(scenes))
-        for kind, trial_liquid in by_goal.items():
-            members = [k for k, scene in enumerate(scenes) if scene.goal.kind == kind]
-            shown = [scenes[k] for k in members]
-            judgments[members] = judge_checked(model, spec, shown, trial_liquid, seed, progress)
+        for kind in by_goal:
+            judgments[members[kind]] = next(judged)
         tables.append(
             pd.DataFrame(
                 {

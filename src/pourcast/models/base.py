@@ -5,12 +5,16 @@ with `parameter` (default, unit, range, meaning), and its method `judge` says,
 scene by scene, which share of the liquid the goal will hold.
 """
 
+import itertools
 import json
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar
+from functools import partial
+from operator import attrgetter
+from typing import Any, ClassVar, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +26,10 @@ from pourcast.errors import (
     StoreError,
     unknown,
 )
-from pourcast.progress import Progress, no_progress
+from pourcast.progress import Progress, Report, no_progress, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
-from pourcast.simulation.run import simulate
 
 
 def parameter(
@@ -168,9 +171,16 @@ def judge_checked(
     ModelError
         If it fails, or says anything else.
     """
-    try:
+    with _failing_as(spec):
         said = model.judge(scenes, liquid, seed, progress=progress)
         return checked_judgments(said, spec, scenes)
+
+
+@contextmanager
+def _failing_as(spec: str) -> Iterator[None]:
+    """What a model's code or a goal's raises is the model's failure, but for what says itself."""
+    try:
+        yield
     except (InputError, ModelError, SimulationDivergedError, StoreError):
         raise
     except Exception as error:
@@ -292,5 +302,108 @@ class SimulationModel(Model):
     ) -> NDArray[np.float64]:
         """Judge scenes: the mean over `pours`. See `Model.judge`."""
         groups = [self.pours(scene, liquid, seed) for scene in scenes]
-        outcomes = iter(simulate([pour for group in groups for pour in group], progress=progress))
-        return np.array([np.mean([next(outcomes).judgment for _ in group]) for group in groups])
+        return np.array(_means(groups, progress=progress))
+
+
+def averages_pours(model: Model) -> TypeGuard[SimulationModel]:
+    """Whether a model's judgments are the means over its pours, and nothing else."""
+    return isinstance(model, SimulationModel) and type(model).judge is SimulationModel.judge
+
+
+def typical_pour(pours: Sequence[Pour]) -> Pour:
+    """The one of a model's pours of a scene that is pictured."""
+    return pours[len(pours) // 2]
+
+
+class JudgmentRequest(NamedTuple):
+    """What a model is asked."""
+
+    spec: str
+    """What the model is called."""
+    model: Model
+    scenes: Sequence[Scene]
+    liquid: Liquid
+    """Liquid shown in the trials."""
+
+
+def judge_together(
+    requests: Sequence[JudgmentRequest],
+    seed: int,
+    *,
+    record: Collection[str] = (),
+    report: Report = no_report,
+) -> list[NDArray[np.float64]]:
+    """Let models judge, and run the pours of all of them together, each different one once.
+
+    What was poured in this process lately is not poured again. Models that judge in a way of
+    their own are asked one after another.
+
+    Parameters
+    ----------
+    requests
+        What is asked.
+    seed
+        Source of all randomness.
+    record
+        Specs of models whose typical pours are recorded, to be pictured afterwards.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    list of ndarray
+        For each request its judgments, shape [scene_count], each 0..1.
+
+    Raises
+    ------
+    ModelError
+        If a model fails, or says anything else.
+    SimulationDivergedError
+        If a pour breaks: the message names scene, liquid and settings.
+    """
+    groups: dict[int, list[Sequence[Pour]]] = {}
+    for number, (spec, model, scenes, liquid) in enumerate(requests):
+        if averages_pours(model):
+            with _failing_as(spec):
+                groups[number] = [model.pours(scene, liquid, seed) for scene in scenes]
+    judged = {
+        number: judge_checked(model, spec, scenes, liquid, seed, partial(report, spec))
+        for number, (spec, model, scenes, liquid) in enumerate(requests)
+        if number not in groups
+    }
+    pouring = list(dict.fromkeys(requests[number].spec for number in groups))
+    words = pouring[0] if len(pouring) == 1 else f"{len(pouring)} models"
+    flat = [group for number in groups for group in groups[number]]
+    pictured = [requests[number].spec in record for number in groups for _ in groups[number]]
+    with _failing_as(", ".join(pouring)):
+        means = iter(_means(flat, pictured, remember=True, progress=partial(report, words)))
+    for number in groups:
+        spec, _, scenes, _ = requests[number]
+        judged[number] = checked_judgments([next(means) for _ in scenes], spec, scenes)
+    return [judged[number] for number in range(len(requests))]
+
+
+def _means(
+    groups: Sequence[Sequence[Pour]],
+    pictured: Sequence[bool] = (),
+    *,
+    remember: bool = False,
+    progress: Progress = no_progress,
+) -> list[np.float64]:
+    """Mean judgment over each group of pours; the typical ones of some groups are recorded."""
+    # The engine is loaded when something is poured, not for models that don't.
+    from pourcast.simulation.memory import REMEMBERED, outcomes_of  # noqa: PLC0415
+
+    pours = [pour for group in groups for pour in group]
+    starts = itertools.accumulate((len(group) for group in groups), initial=0)
+    typical = [start + len(group) // 2 for start, group in zip(starts, groups, strict=False)]
+    judgments = iter(
+        outcomes_of(
+            pours,
+            attrgetter("judgment"),
+            record=list(itertools.compress(typical, pictured)),
+            memory=REMEMBERED if remember else None,
+            progress=progress,
+        )
+    )
+    return [np.mean([next(judgments) for _ in group]) for group in groups]

@@ -55,6 +55,7 @@ def run_demo(folder: Path, report: Report = no_report) -> DemoResult:
     table = predict(
         scenes,
         names,
+        record=dict.fromkeys([*PICTURE_MODELS, *FILM_MODELS]),
         report=lambda name, done, total: report(f"judging: {name}", done, total),
     )
     wide = table.pivot(index="model", columns="scene", values="judgment").loc[names]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pourcast.errors import InputError
 from pourcast.files import check_writable, replacing
 from pourcast.pictures.panels import FilmFigure, film_figure, moments_figure, scene_figure
-from pourcast.pictures.predictions import Prediction, make_prediction
+from pourcast.pictures.predictions import Prediction, make_predictions
 from pourcast.pictures.video import FRAME_RATE, write_film, write_gif
 from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.base import Liquid
@@ -72,7 +72,7 @@ def show(
     if suffix in (".gif", ".mp4") and not models:
         raise InputError(f"{path}: a film needs at least one --model; a still scene is a .png")
     check_writable(path)
-    predictions = [make_prediction(scene, spec, trial_liquid, seed, own) for spec in models]
+    predictions = make_predictions(scene, models, trial_liquid, seed, own)
     with replacing(path) as temporary:
         if suffix in (".gif", ".mp4"):
             _save_film(film_figure(scene, predictions), temporary, progress)
