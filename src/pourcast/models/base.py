@@ -9,12 +9,11 @@ import itertools
 import json
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
-from functools import partial
 from operator import attrgetter
-from typing import Any, ClassVar, NamedTuple, TypeGuard
+from typing import Any, ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +25,10 @@ from pourcast.errors import (
     StoreError,
     unknown,
 )
-from pourcast.progress import Progress, Report, no_progress, no_report
+from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
+from pourcast.simulation.memory import REMEMBERED, outcomes_of
 from pourcast.simulation.pour import Pour
 
 
@@ -171,13 +171,13 @@ def judge_checked(
     ModelError
         If it fails, or says anything else.
     """
-    with _failing_as(spec):
+    with failing_as(spec):
         said = model.judge(scenes, liquid, seed, progress=progress)
         return checked_judgments(said, spec, scenes)
 
 
 @contextmanager
-def _failing_as(spec: str) -> Iterator[None]:
+def failing_as(spec: str) -> Iterator[None]:
     """What a model's code or a goal's raises is the model's failure, but for what says itself."""
     try:
         yield
@@ -302,7 +302,7 @@ class SimulationModel(Model):
     ) -> NDArray[np.float64]:
         """Judge scenes: the mean over `pours`. See `Model.judge`."""
         groups = [self.pours(scene, liquid, seed) for scene in scenes]
-        return np.array(_means(groups, progress=progress))
+        return np.array(means_over_pours(groups, progress=progress))
 
 
 def averages_pours(model: Model) -> TypeGuard[SimulationModel]:
@@ -315,85 +315,26 @@ def typical_pour(pours: Sequence[Pour]) -> Pour:
     return pours[len(pours) // 2]
 
 
-class JudgmentRequest(NamedTuple):
-    """What a model is asked."""
-
-    spec: str
-    """What the model is called."""
-    model: Model
-    scenes: Sequence[Scene]
-    liquid: Liquid
-    """Liquid shown in the trials."""
-
-
-def judge_together(
-    requests: Sequence[JudgmentRequest],
-    seed: int,
-    *,
-    record: Collection[str] = (),
-    report: Report = no_report,
-) -> list[NDArray[np.float64]]:
-    """Let models judge, and run the pours of all of them together, each different one once.
-
-    What was poured in this process lately is not poured again. Models that judge in a way of
-    their own are asked one after another.
-
-    Parameters
-    ----------
-    requests
-        What is asked.
-    seed
-        Source of all randomness.
-    record
-        Specs of models whose typical pours are recorded, to be pictured afterwards.
-    report
-        Told of the progress.
-
-    Returns
-    -------
-    list of ndarray
-        For each request its judgments, shape [scene_count], each 0..1.
-
-    Raises
-    ------
-    ModelError
-        If a model fails, or says anything else.
-    SimulationDivergedError
-        If a pour breaks: the message names scene, liquid and settings.
-    """
-    groups: dict[int, list[Sequence[Pour]]] = {}
-    for number, (spec, model, scenes, liquid) in enumerate(requests):
-        if averages_pours(model):
-            with _failing_as(spec):
-                groups[number] = [model.pours(scene, liquid, seed) for scene in scenes]
-    judged = {
-        number: judge_checked(model, spec, scenes, liquid, seed, partial(report, spec))
-        for number, (spec, model, scenes, liquid) in enumerate(requests)
-        if number not in groups
-    }
-    pouring = list(dict.fromkeys(requests[number].spec for number in groups))
-    words = pouring[0] if len(pouring) == 1 else f"{len(pouring)} models"
-    flat = [group for number in groups for group in groups[number]]
-    pictured = [requests[number].spec in record for number in groups for _ in groups[number]]
-    with _failing_as(", ".join(pouring)):
-        means = iter(_means(flat, pictured, remember=True, progress=partial(report, words)))
-    for number in groups:
-        spec, _, scenes, _ = requests[number]
-        judged[number] = checked_judgments([next(means) for _ in scenes], spec, scenes)
-    return [judged[number] for number in range(len(requests))]
-
-
-def _means(
+def means_over_pours(
     groups: Sequence[Sequence[Pour]],
     pictured: Sequence[bool] = (),
     *,
     remember: bool = False,
     progress: Progress = no_progress,
 ) -> list[np.float64]:
-    """Mean judgment over each group of pours; the typical ones of some groups are recorded."""
-    # The engine is loaded when something is poured, not for models that don't.
-    from pourcast.simulation.memory import REMEMBERED, outcomes_of  # noqa: PLC0415
+    """Mean judgment over each group of pours, each different pour run once.
 
+    Parameters
+    ----------
+    groups
+        Pours of a model in a scene, group by group.
+    pictured
+        For each group whether its typical pour is recorded; by default none is.
+    remember
+        Whether this process's memory of outcomes is used.
+    progress
+        Called with the pours that were run, and how many are.
+    """
     pours = [pour for group in groups for pour in group]
     starts = itertools.accumulate((len(group) for group in groups), initial=0)
     typical = [start + len(group) // 2 for start, group in zip(starts, groups, strict=False)]

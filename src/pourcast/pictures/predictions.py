@@ -2,20 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.models.base import (
-    JudgmentRequest,
-    Model,
-    SimulationModel,
-    judge_together,
-    typical_pour,
-)
+from pourcast.models.base import Model, SimulationModel, typical_pour
 from pourcast.models.registry import make_model
-from pourcast.progress import Report, no_report
+from pourcast.prediction import JudgmentRequest, judge_together
+from pourcast.progress import Progress, Report, no_progress, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.memory import REMEMBERED, outcomes_of
@@ -93,7 +89,7 @@ def make_predictions(
         for spec, model in zip(specs, models, strict=True)
         if isinstance(model, SimulationModel)
     }
-    poured = predict_pours(typical)
+    poured = predict_pours(typical, progress=partial(report, "recording"))
     return [
         replace(poured[spec], judgment=float(judgments[0]))
         if spec in poured
@@ -103,7 +99,10 @@ def make_predictions(
 
 
 def predict_pours(
-    pours: Mapping[str, Pour], *, settings: EngineSettings | None = None
+    pours: Mapping[str, Pour],
+    *,
+    settings: EngineSettings | None = None,
+    progress: Progress = no_progress,
 ) -> dict[str, PredictedPour]:
     """Record pours, each as a prediction of its own.
 
@@ -113,6 +112,8 @@ def predict_pours(
         What each is called -> the pour.
     settings
         How pours are computed; shorter ones for a look at the start.
+    progress
+        Called with the pours that were run, and how many are.
     """
     ends = outcomes_of(
         list(pours.values()),
@@ -120,6 +121,7 @@ def predict_pours(
         settings=settings,
         record=range(len(pours)),
         memory=REMEMBERED,
+        progress=progress,
     )
     predictions = {}
     for (name, pour), (judgment, frames) in zip(pours.items(), ends, strict=True):

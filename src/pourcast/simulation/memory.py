@@ -8,7 +8,6 @@ from typing import TypeVar
 
 from pourcast.progress import Progress, no_progress
 from pourcast.simulation.pour import Outcome, Pour
-from pourcast.simulation.run import simulate
 from pourcast.simulation.settings import EngineSettings
 
 MOST_REMEMBERED = 64 * 2**20
@@ -142,21 +141,35 @@ def outcomes_of(
             left[identity] = pour
         else:
             taken[identity] = take(known)
+    for identity, outcome in _run(left, settings, progress, record=bool(recorded)):
+        kept = outcome if identity in recorded else replace(outcome, frames=None)
+        memory.keep(identity, kept)
+        taken[identity] = take(kept)
+    return [taken[identity] for identity in identities]
+
+
+def _run(
+    pours: dict[Identity, Pour], settings: EngineSettings, progress: Progress, *, record: bool
+) -> Iterator[tuple[Identity, Outcome]]:
+    """Run pours, piece by piece."""
+    if not pours:
+        return
+    # The engine is loaded when something is to be run.
+    from pourcast.simulation.run import simulate  # noqa: PLC0415
+
     done = 0
 
     def count(done_here: int, _total: int) -> None:
-        progress(done + done_here, len(left))
+        progress(done + done_here, len(pours))
 
-    for piece in _pieces(left, settings, record=bool(recorded)):
-        count(0, 0)
-        here = [left[identity] for identity in piece]
-        outcomes = simulate(here, settings=settings, record=bool(recorded), progress=count)
-        for identity, outcome in zip(piece, outcomes, strict=True):
-            kept = outcome if identity in recorded else replace(outcome, frames=None)
-            memory.keep(identity, kept)
-            taken[identity] = take(kept)
+    progress(0, len(pours))
+    for piece in _pieces(pours, settings, record=record):
+        here = [pours[identity] for identity in piece]
+        # Nothing else holds the outcomes: they can go while the next piece is run.
+        yield from zip(
+            piece, simulate(here, settings=settings, record=record, progress=count), strict=True
+        )
         done += len(piece)
-    return [taken[identity] for identity in identities]
 
 
 def _identities(pours: Sequence[Pour], settings: EngineSettings) -> list[Identity]:

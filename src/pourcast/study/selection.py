@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError
-from pourcast.models.base import JudgmentRequest, judge_together
 from pourcast.models.registry import make_model
+from pourcast.prediction import JudgmentRequest, judge_together
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import WATER, resolve_liquid
