@@ -220,27 +220,6 @@ def test_progress_names_a_model_that_pours_alone():
 
 
 @dataclass(frozen=True)
-class Stubborn(SimulationModel):
-    """Pours, but says what it likes."""
-
-    def pours(self, scene, liquid, seed=0):
-        return [Pour(scene, liquid, 5, 7.0)]
-
-    def judge(self, scenes, liquid, seed=0, *, progress=None):
-        return 0.25 + 0.0 * super().judge(scenes, liquid, seed)
-
-
-def test_a_model_that_judges_in_a_way_of_its_own_is_asked_alone(poured, monkeypatch):
-    for module in ("prediction", "pictures.predictions"):
-        monkeypatch.setattr(f"pourcast.{module}.make_model", lambda spec, own: Stubborn())
-    assert predict([ramp_scene()], ["stubborn"])["judgment"].tolist() == [0.25]
-    (shown,) = make_predictions(ramp_scene(), ["stubborn"], WATER)
-    assert shown.judgment == 0.25
-    assert shown.frames.shape[1:] == (5, 3)
-    assert [dampings(pours) for pours in poured] == [[7.0]] * 3
-
-
-@dataclass(frozen=True)
 class Failing(SimulationModel):
     """Cannot say what to pour."""
 
