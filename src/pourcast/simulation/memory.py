@@ -141,7 +141,8 @@ def outcomes_of(
             left[identity] = pour
         else:
             taken[identity] = take(known)
-    for identity, outcome in _run(left, settings, progress, record=bool(recorded)):
+    record_some = not recorded.isdisjoint(left)
+    for identity, outcome in _run(left, settings, progress, record=record_some):
         if identity not in recorded and outcome.frames is not None:
             outcome = replace(outcome, frames=None)  # noqa: PLW2901
         memory.keep(identity, outcome)
