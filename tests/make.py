@@ -5,8 +5,8 @@ import numpy.typing as npt
 
 from pourcast.engine import sph
 from pourcast.engine.batch import Job, Result, Stepping, fill_lane, run_batch
+from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.engine.smoothing import GRADIENT_FACTOR
-from pourcast.engine.solids import Solids, pack_solids
 from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily

@@ -32,9 +32,10 @@ from pourcast.engine.diagnostics import (
     measure,
     measure_and_check,
 )
+from pourcast.engine.polygons import Solids
 from pourcast.engine.simd import LANES, flush_denormals
 from pourcast.engine.smoothing import GRADIENT_FACTOR
-from pourcast.engine.solids import BroadPhase, Solids, build_broad_phase, join_broad_phases
+from pourcast.engine.solids import BroadPhase, build_broad_phase, join_broad_phases
 from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
 from pourcast.errors import InputError, SimulationDivergedError
 

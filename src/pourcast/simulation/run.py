@@ -4,22 +4,24 @@ import threading
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pourcast.engine.batch import Job, Result, Stepping, run_batch
-from pourcast.engine.contact import TOUCH_SKIN
 from pourcast.engine.packing import (
     pack_cylinder,
     reference_density,
 )
-from pourcast.engine.solids import Solids, obstacle_distances, pack_solids
+from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.errors import SimulationDivergedError
 from pourcast.progress import Progress, no_progress
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import GRAVITY, Outcome, Pour
 from pourcast.simulation.settings import EngineSettings, Kind
 from pourcast.simulation.versions import code_version
+
+if TYPE_CHECKING:
+    from pourcast.engine.batch import Job, Result, Stepping
 
 
 def engine_version() -> str:
@@ -65,6 +67,9 @@ def simulate(
     SimulationDivergedError
         If a pour breaks: the message names scene, liquid and settings.
     """
+    # The engine loads Numba: when something is simulated, and not for what only names it.
+    from pourcast.engine.batch import run_batch  # noqa: PLC0415
+
     settings = settings or EngineSettings()
     groups: dict[tuple[Kind, int, Stepping], list[int]] = defaultdict(list)
     for index, pour in enumerate(pours):
@@ -72,7 +77,7 @@ def simulate(
         groups[pour.kind, pour.n_particles, stepping].append(index)
     done, lock = 0, threading.Lock()
 
-    def count_one(_index: int, _result: Result) -> None:
+    def count_one(_index: int, _result: "Result") -> None:
         nonlocal done
         with lock:
             done += 1
@@ -136,7 +141,9 @@ def _solids_of(pours: Sequence[Pour]) -> tuple[Solids, list[int]]:
     return pack_solids(polygons), indices
 
 
-def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
+def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> "Job":
+    from pourcast.engine.batch import Job  # noqa: PLC0415
+
     box, start = pour.scene.box, pour.scene.liquid
     radius, support = start.diameter / 2, settings.support_in_spacings * pour.spacing
     centre = (start.centre[0] + pour.offset[0], start.centre[1] + pour.offset[1])
@@ -162,7 +169,10 @@ def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
     )
 
 
-def _outcome(pour: Pour, job: Job, result: Result, solids: Solids) -> Outcome:
+def _outcome(pour: Pour, job: "Job", result: "Result", solids: Solids) -> Outcome:
+    from pourcast.engine.contact import TOUCH_SKIN  # noqa: PLC0415
+    from pourcast.engine.solids import obstacle_distances  # noqa: PLC0415
+
     goal, position = pour.scene.goal, result.position.astype(np.float64)
     held = [goal.holds(x, y) for x, y in position[:, :2]]
     gap = obstacle_distances(position[:, :2], job.scene, solids)
