@@ -14,7 +14,7 @@ from pourcast.cli.options import (
     ScenesArgument,
     SeedOption,
 )
-from pourcast.cli.terminal import print_json, print_table, progress_bar, records
+from pourcast.cli.terminal import print_json, print_rows, print_table, progress_bar, records
 
 
 class Plan(StrEnum):
@@ -133,8 +133,6 @@ def list_(as_json: JsonOption = False) -> None:
 
     Example: pourcast list
     """
-    import pandas as pd
-
     from pourcast.scenes.goals.registry import GOALS
     from pourcast.scenes.liquids.registry import LIQUIDS, known_liquids
     from pourcast.study.experiments.registry import EXPERIMENTS
@@ -167,8 +165,7 @@ def list_(as_json: JsonOption = False) -> None:
         print_json(tables)
         return
     for rows in tables.values():
-        frame = pd.DataFrame(rows)
-        print_table(frame.set_index(frame.columns[0]))
+        print_rows(rows)
         typer.echo()
     for problem in (broken_experiments | broken_goals | broken_liquids).values():
         typer.echo(f"note: {problem}")
@@ -180,22 +177,22 @@ def models(as_json: JsonOption = False) -> None:
 
     Example: pourcast models
     """
-    import pandas as pd
-
     from pourcast.models.registry import MODELS, parameter_table, presets
 
     if as_json:
         listed = {name: parameter_table(name) for name in MODELS.all()[0]}
         print_json({"presets": presets(), "models": listed})
         return
-    rows = {name: [entry["model"], entry["source"]] for name, entry in presets().items()}
-    frame = pd.DataFrame.from_dict(rows, orient="index", columns=["model", "what it is"])
-    frame.index.name = "preset"
-    print_table(frame)
+    print_rows(
+        [
+            {"preset": name, "model": entry["model"], "what it is": entry["source"]}
+            for name, entry in presets().items()
+        ]
+    )
     families, broken = MODELS.all()
     for name in families:
         typer.echo(f"\n{name}")
         if rows_of := parameter_table(name):
-            print_table(pd.DataFrame(rows_of).set_index("parameter"))
+            print_rows(rows_of)
     for problem in broken.values():
         typer.echo(f"\nnote: {problem}")
