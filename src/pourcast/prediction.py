@@ -1,17 +1,102 @@
 """Judgments of models on scenes, as a tidy table."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from pourcast.models.base import judge_checked
+from pourcast.models.base import (
+    Model,
+    averages_pours,
+    checked_judgments,
+    failing_as,
+    judge_checked,
+    means_over_pours,
+)
 from pourcast.models.registry import make_model
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import Pour
+
+
+class JudgmentRequest(NamedTuple):
+    """What a model is asked."""
+
+    spec: str
+    """What the model is called."""
+    model: Model
+    scenes: Sequence[Scene]
+    liquid: Liquid
+    """Liquid shown in the trials."""
+
+
+def judge_together(
+    requests: Sequence[JudgmentRequest],
+    seed: int,
+    *,
+    record: Collection[str] = (),
+    report: Report = no_report,
+) -> list[NDArray[np.float64]]:
+    """Let models judge, and run the pours of all of them together, each different one once.
+
+    What was poured in this process lately is not poured again. Models that judge in a way of
+    their own are asked one after another.
+
+    Parameters
+    ----------
+    requests
+        What is asked.
+    seed
+        Source of all randomness.
+    record
+        Specs of models whose typical pours are recorded, to be pictured afterwards.
+    report
+        Told of the progress.
+
+    Returns
+    -------
+    list of ndarray
+        For each request its judgments, shape [scene_count], each 0..1.
+
+    Raises
+    ------
+    ModelError
+        If a model fails, or says anything else.
+    SimulationDivergedError
+        If a pour breaks: the message names scene, liquid and settings.
+    """
+    groups: dict[int, list[Sequence[Pour]]] = {}
+    for number, (spec, model, scenes, liquid) in enumerate(requests):
+        if averages_pours(model):
+            with failing_as(spec):
+                groups[number] = [model.pours(scene, liquid, seed) for scene in scenes]
+    judged = {
+        number: judge_checked(model, spec, scenes, liquid, seed, partial(report, spec))
+        for number, (spec, model, scenes, liquid) in enumerate(requests)
+        if number not in groups
+    }
+    if groups:
+        names = list(dict.fromkeys(requests[number].spec for number in groups))
+        words = names[0] if len(names) == 1 else f"{len(names)} models"
+        pictured = [requests[number].spec in record for number in groups for _ in groups[number]]
+        with failing_as(", ".join(names)):
+            means = means_over_pours(
+                [group for number in groups for group in groups[number]],
+                pictured,
+                remember=True,
+                progress=partial(report, words),
+            )
+        said = iter(means)
+        for number in groups:
+            spec, _, scenes, _ = requests[number]
+            judged[number] = checked_judgments([next(said) for _ in scenes], spec, scenes)
+    return [judged[number] for number in range(len(requests))]
 
 
 def predict(
@@ -21,9 +106,13 @@ def predict(
     seed: int = 0,
     *,
     own: Sequence[Liquid] = (),
+    record: Collection[str] = (),
     report: Report = no_report,
 ) -> pd.DataFrame:
     """Let models judge scenes.
+
+    Pours of all models are run together, each different one once; what was poured in this process
+    lately is not poured again.
 
     Parameters
     ----------
@@ -38,6 +127,8 @@ def predict(
         Source of all randomness.
     own
         A study's own liquids, which `liquid` and the models' parameters can name.
+    record
+        Models whose typical pours are recorded, so that `show` need not run them again.
     report
         Told of the progress.
 
@@ -54,17 +145,20 @@ def predict(
     """
     built = {spec: make_model(spec, own) for spec in dict.fromkeys(models)}
     by_goal = {scene.goal.kind: resolve_liquid(liquid, scene, own) for scene in scenes}
+    members = {
+        kind: [k for k, scene in enumerate(scenes) if scene.goal.kind == kind] for kind in by_goal
+    }
+    requests = [
+        JudgmentRequest(spec, model, [scenes[k] for k in members[kind]], trial_liquid)
+        for spec, model in built.items()
+        for kind, trial_liquid in by_goal.items()
+    ]
+    judged = iter(judge_together(requests, seed, record=record, report=report))
     tables = []
     for spec, model in built.items():
-
-        def progress(done: int, total: int, spec: str = spec) -> None:
-            report(spec, done, total)
-
         judgments = np.empty(len(scenes))
-        for kind, trial_liquid in by_goal.items():
-            members = [k for k, scene in enumerate(scenes) if scene.goal.kind == kind]
-            shown = [scenes[k] for k in members]
-            judgments[members] = judge_checked(model, spec, shown, trial_liquid, seed, progress)
+        for kind in by_goal:
+            judgments[members[kind]] = next(judged)
         tables.append(
             pd.DataFrame(
                 {
