@@ -271,13 +271,6 @@ def _disk_full(*args, **kwargs):
 # Starting up -------------------------------------------------------------------------
 
 
-def test_importing_loads_no_heavy_backend():
-    heavy = ("numba", "matplotlib", "pandas", "scipy", "shapely", "pydantic")
-    code = f"import sys, pourcast, pourcast.cli; print([m for m in {heavy} if m in sys.modules])"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"
-
-
 def test_every_public_name_can_be_had():
     import pourcast
 

@@ -3,9 +3,11 @@
 import sys
 import time
 import tracemalloc
+from importlib.metadata import packages_distributions
 
 import llvmlite.binding
 import numpy as np
+import pytest
 
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.engine import sph
@@ -15,6 +17,7 @@ from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.study.selection import filtered_scenes
 from pourcast.sweep import bench
 from tests.make import job, loaded_block, ramp_scene, random_scenes, run_one
+from tests.test_dependencies import EXTRAS, canonical, declared
 from tests.yardstick import processor_seconds_of, ratio_of, started
 
 FIRST_SIMULATION = """
@@ -44,6 +47,63 @@ def test_the_package_alone_is_imported_at_first():
     rooms = {name.partition(".")[0] for name in printed_by(code).split()}
     assert rooms - set(sys.stdlib_module_names) == {"pourcast"}
     assert in_fresh_processes("import pourcast", OTHERS) < 1.0
+
+
+PARSING = {"typer", "pydantic", "pydantic-core"}
+"""What reads a command line; Typer hands arguments to pydantic."""
+
+SCENES = PARSING | {"numpy", "shapely"}
+
+EVERY_HELP = """
+import typer
+from pourcast.cli.app import app
+
+def paths(command, path=()):
+    yield path
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from paths(inner, (*path, name))
+
+for path in paths(typer.main.get_command(app)):
+    assert run([*path, "--help"]) == 0
+"""
+
+LOADED = {
+    "list": SCENES | {"rich", "scipy"},  # SciPy's Voronoi cells, by experiments
+    "models": SCENES | {"rich", "pillow"},  # Pillow by the ConvNet
+    "predict examples/ramp.json -m gravity -m simple": SCENES | {"rich"},
+    "predict examples/ramp.json -m gravity --json": SCENES | {"rich"},
+    "import examples/drawing.svg -o {folder}/mine.json": SCENES | {"svgelements"},
+    "export examples/ramp.json -o {folder}/splish.json": SCENES | {"svgelements"},
+}
+"""Command -> distributions that it may load, of those that we depend on."""
+
+
+def loaded_by(code: str) -> set[str]:
+    """Distributions of our dependencies that some code loads in a fresh process."""
+    loaded = printed_by(
+        f"import sys\nfrom pourcast.cli import run\n{code}\nprint(*sys.modules)"
+    ).splitlines()[-1]
+    rooms, owners = {name.partition(".")[0] for name in loaded.split()}, packages_distributions()
+    return {canonical(one) for room in rooms for one in owners.get(room, ())} & declared(*EXTRAS)
+
+
+def test_help_loads_what_parses_alone():
+    assert loaded_by(EVERY_HELP) <= PARSING
+
+
+@pytest.mark.parametrize("command", LOADED)
+def test_what_commands_load_that_simulate_nothing(command, tmp_path):
+    arguments = command.format(folder=tmp_path).split()
+    assert loaded_by(f"assert run({arguments}) == 0") <= LOADED[command]
+
+
+def test_a_heuristics_judgment_takes_little_more_than_the_imports_it_needs():
+    command = (
+        "from pourcast.cli import run; run(['predict', 'examples/ramp.json', '-m', 'gravity'])"
+    )
+    # Measured: 1.5; with Numba, pandas and the engine, 7.
+    needed = "import numpy, pydantic.types, rich.progress, shapely, typer._adapters"
+    assert in_fresh_processes(command, needed) < 3.0
 
 
 def test_the_first_simulation_takes_little_more_than_the_imports_it_needs():

@@ -101,7 +101,8 @@ def print_columns(columns: Mapping[str, Sequence[Any]], *, decimals: int = 2) ->
     for label, *row in zip(*columns.values(), strict=True):
         cells = [f"{v:.{decimals}f}" if isinstance(v, float) else str(v) for v in row]
         table.add_row(str(label), *("-" if cell == "nan" else cell for cell in cells))
-    Console().print(table)
+    # A unit such as [m2/s] is no markup.
+    Console(markup=False, emoji=False).print(table)
 
 
 def print_json(content: Any) -> None:
