@@ -174,6 +174,11 @@ def test_models_are_listed(capsys):
     assert len(json.loads(capsys.readouterr().out)["presets"]) == 13
 
 
+def test_units_in_a_tables_head_are_no_markup(capsys):
+    assert call("list") == 0
+    assert "viscosity [m2/s]" in capsys.readouterr().out
+
+
 def test_every_command_has_help_with_an_example(capsys):
     assert call() == 0
     overview = capsys.readouterr().out

@@ -43,7 +43,7 @@ class SimpleSim(Model):
     and without momentum.
     """
 
-    seconds_per_judgment = 0.005
+    seconds_per_judgment = 0.004
 
     g: float = parameter(
         0.1, low=0, high=1, doc="probability, once an obstacle, of setting off the wrong way"
