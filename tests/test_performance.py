@@ -68,7 +68,7 @@ for path in paths(typer.main.get_command(app)):
 """
 
 LOADED = {
-    "list": SCENES | {"rich", "scipy"},  # SciPy's Voronoi cells, by experiments
+    "list": SCENES | {"rich"},
     "models": SCENES | {"rich", "pillow"},  # Pillow by the ConvNet
     "predict examples/ramp.json -m gravity -m simple": SCENES | {"rich"},
     "predict examples/ramp.json -m gravity --json": SCENES | {"rich"},
