@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
 
 from benchmarks import ceiling, peers
 from pourcast.engine.batch import available_cores, run_batch
-from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
 from pourcast.engine.simd import LANES
 from pourcast.simulation.settings import EngineSettings
 from pourcast.sweep.bench import COUNTS, obstacle_courses, speed, undamped_jobs

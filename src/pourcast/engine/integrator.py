@@ -6,7 +6,7 @@ The damping zeta lowers the acceleration by zeta times the velocity.
 from typing import Any
 
 from pourcast.engine.compile import kernel
-from pourcast.engine.simd import load, maximum, splat, store
+from pourcast.engine.simd import fma, fnma, load, maximum, splat, store
 
 
 @kernel
@@ -20,14 +20,14 @@ def integrate(state: Any, parameters: Any, step: float) -> None:
         for axis in range(3):
             rate = load(state.acceleration[axis], row)
             speed = load(state.velocity[axis], row)
-            rate = rate - damping * speed
+            rate = fnma(damping, speed, rate)
             rate = rate - (gravity if axis == 1 else zero)
-            speed = speed + dt * rate
+            speed = fma(dt, rate, speed)
             position = load(state.position[axis], row)
             if axis < 2:
                 store(state.previous[axis], row, position)
             store(state.velocity[axis], row, speed)
-            store(state.position[axis], row, position + dt * speed)
-            squared_speed = squared_speed + speed * speed
+            store(state.position[axis], row, fma(dt, speed, position))
+            squared_speed = fma(speed, speed, squared_speed)
         fastest = maximum(fastest, squared_speed)
     store(state.squared_top_speed, 0, fastest)

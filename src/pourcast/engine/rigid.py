@@ -14,6 +14,8 @@ from pourcast.engine.contact import collide_with_box, collide_with_polygons
 from pourcast.engine.integrator import integrate
 from pourcast.engine.simd import (
     any_less,
+    fma,
+    fnma,
     load,
     maximum,
     minimum,
@@ -22,6 +24,7 @@ from pourcast.engine.simd import (
     store,
     where_less,
 )
+from pourcast.engine.smoothing import dot
 
 PASSES = 4
 
@@ -38,25 +41,25 @@ def collide_spheres(state: Any, parameters: Any) -> None:
         xi, yi, zi = load(x, i), load(y, i), load(z, i)
         for j in range(i):
             dx, dy, dz = xi - load(x, j), yi - load(y, j), zi - load(z, j)
-            r2 = dx * dx + dy * dy + dz * dz
+            r2 = dot(dx, dy, dz, dx, dy, dz)
             if not any_less(r2, touching):
                 continue
             inverse = 1.0 / sqrt(maximum(r2, tiny))
             dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
             du, dv, dw = load(u, i) - load(u, j), load(v, i) - load(v, j), load(w, i) - load(w, j)
-            approach = minimum(du * dx + dv * dy + dw * dz, zero)
+            approach = minimum(dot(du, dv, dw, dx, dy, dz), zero)
             impulse = where_less(r2, touching, -0.5 * approach, zero)
-            store(u, i, load(u, i) + impulse * dx)
-            store(v, i, load(v, i) + impulse * dy)
-            store(w, i, load(w, i) + impulse * dz)
-            store(u, j, load(u, j) - impulse * dx)
-            store(v, j, load(v, j) - impulse * dy)
-            store(w, j, load(w, j) - impulse * dz)
-            shift = where_less(r2, touching, 0.5 * (diameter - r2 * inverse), zero)
-            xi, yi, zi = xi + shift * dx, yi + shift * dy, zi + shift * dz
-            store(x, j, load(x, j) - shift * dx)
-            store(y, j, load(y, j) - shift * dy)
-            store(z, j, load(z, j) - shift * dz)
+            store(u, i, fma(impulse, dx, load(u, i)))
+            store(v, i, fma(impulse, dy, load(v, i)))
+            store(w, i, fma(impulse, dz, load(w, i)))
+            store(u, j, fnma(impulse, dx, load(u, j)))
+            store(v, j, fnma(impulse, dy, load(v, j)))
+            store(w, j, fnma(impulse, dz, load(w, j)))
+            shift = where_less(r2, touching, 0.5 * fnma(r2, inverse, diameter), zero)
+            xi, yi, zi = fma(shift, dx, xi), fma(shift, dy, yi), fma(shift, dz, zi)
+            store(x, j, fnma(shift, dx, load(x, j)))
+            store(y, j, fnma(shift, dy, load(y, j)))
+            store(z, j, fnma(shift, dz, load(z, j)))
         store(x, i, xi)
         store(y, i, yi)
         store(z, i, zi)
@@ -66,7 +69,7 @@ def collide_spheres(state: Any, parameters: Any) -> None:
 def advance(
     state: Any, parameters: Any, solids: Any, broad_phase: Any, step: float, steps: int
 ) -> None:
-    """Move 16 simulations of spheres on by a number of steps.
+    """Move simulations of spheres in lockstep on by a number of steps.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ let a stack of particles stand on a side wall for ever.
 from typing import Any
 
 from pourcast.engine.compile import kernel
-from pourcast.engine.simd import maximum, minimum, where_less
+from pourcast.engine.simd import fnma, maximum, minimum, where_less
 from pourcast.engine.smoothing import gradient, weight
 
 
@@ -15,12 +15,12 @@ from pourcast.engine.smoothing import gradient, weight
 def image_density(below: Any, above: Any, inverse_support: Any, zero: Any) -> Any:
     """Share of the mirror image in the nearer of two walls, from the distances to both [m]."""
     gap = minimum(below, above)
-    return weight(maximum(1.0 - 2.0 * gap * inverse_support, zero))
+    return weight(maximum(fnma(2.0 * gap, inverse_support, 1.0), zero))
 
 
 @kernel
 def image_push(pressure: Any, below: Any, above: Any, inverse_support: Any, zero: Any) -> Any:
     """Acceleration by the mirror image in the nearer of two walls, over the pressure factor."""
     gap = minimum(below, above)
-    size = 4.0 * pressure * gap * gradient(maximum(1.0 - 2.0 * gap * inverse_support, zero))
+    size = 4.0 * pressure * gap * gradient(maximum(fnma(2.0 * gap, inverse_support, 1.0), zero))
     return where_less(above, below, zero - size, size)

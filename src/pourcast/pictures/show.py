@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pourcast.engine.batch import available_cores
 from pourcast.errors import InputError
 from pourcast.files import check_writable, replacing
 from pourcast.pictures.panels import FilmFigure, film_figure, moments_figure, scene_figure
@@ -100,10 +101,10 @@ def _save_film(film: FilmFigure, path: Path, progress: Progress) -> None:
     frame = film.picture_maker()
 
     def picture(k: int) -> NDArray[np.uint8]:
-        progress(k + 1, len(numbers))
         return frame(numbers[k])
 
+    cores = available_cores()
     if path.suffix == ".gif":
-        write_gif(path, picture, len(numbers), stride=_GIF_STRIDE)
+        write_gif(path, picture, len(numbers), stride=_GIF_STRIDE, threads=cores, progress=progress)
     else:
-        write_film(path, picture, len(numbers))
+        write_film(path, picture, len(numbers), threads=cores, progress=progress)

@@ -4,10 +4,10 @@ import threading
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pourcast.engine.job import Job, Result, Stepping
 from pourcast.engine.packing import (
     pack_cylinder,
     reference_density,
@@ -19,9 +19,6 @@ from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import GRAVITY, Outcome, Pour
 from pourcast.simulation.settings import EngineSettings, Kind
 from pourcast.simulation.versions import code_version
-
-if TYPE_CHECKING:
-    from pourcast.engine.batch import Job, Result, Stepping
 
 
 def engine_version() -> str:
@@ -41,7 +38,7 @@ def simulate(
     threads: int | None = None,
     progress: Progress = no_progress,
 ) -> list[Outcome]:
-    """Run simulations, in lockstep batches, on all cores.
+    """Run simulations on all cores, as many in lockstep as fill its lanes.
 
     Parameters
     ----------
@@ -68,7 +65,7 @@ def simulate(
         If a pour breaks: the message names scene, liquid and settings.
     """
     # The engine loads Numba: when something is simulated, and not for what only names it.
-    from pourcast.engine.batch import run_batch  # noqa: PLC0415
+    from pourcast.engine.batch import Batch, run_batches  # noqa: PLC0415
 
     settings = settings or EngineSettings()
     groups: dict[tuple[Kind, int, Stepping], list[int]] = defaultdict(list)
@@ -77,34 +74,31 @@ def simulate(
         groups[pour.kind, pour.n_particles, stepping].append(index)
     done, lock = 0, threading.Lock()
 
-    def count_one(_index: int, _result: "Result") -> None:
+    def count_one(_index: int, _result: Result) -> None:
         nonlocal done
         with lock:
             done += 1
             progress(done, len(pours))
 
-    outcomes: dict[int, Outcome] = {}
+    batches = []
     for (kind, _, stepping), members in groups.items():
         chosen = [pours[index] for index in members]
         solids, scene_index = _solids_of(chosen)
         jobs = [_job(p, s, settings) for p, s in zip(chosen, scene_index, strict=True)]
-        try:
-            results = run_batch(
-                jobs,
-                solids,
-                stepping,
-                kind=kind,
-                record=record,
-                threads=threads,
-                on_done=count_one,
-            )
-        except SimulationDivergedError as error:
-            number = members[error.number]
-            raise SimulationDivergedError(
-                f"{_name(pours[number], settings)}: {error}", number=number
-            ) from None
-        for index, job, result in zip(members, jobs, results, strict=True):
-            outcomes[index] = _outcome(pours[index], job, result, solids)
+        batches.append(Batch(jobs, solids, stepping, kind))
+    order = [index for members in groups.values() for index in members]
+    try:
+        results = run_batches(batches, record=record, threads=threads, on_done=count_one)
+    except SimulationDivergedError as error:
+        number = order[error.number]
+        raise SimulationDivergedError(
+            f"{_name(pours[number], settings)}: {error}", number=number
+        ) from None
+    solids_and_jobs = [(batch.solids, job) for batch in batches for job in batch.jobs]
+    outcomes = {
+        index: _outcome(pours[index], job, result, solids)
+        for index, (solids, job), result in zip(order, solids_and_jobs, results, strict=True)
+    }
     return [outcomes[index] for index in range(len(pours))]
 
 
@@ -141,9 +135,7 @@ def _solids_of(pours: Sequence[Pour]) -> tuple[Solids, list[int]]:
     return pack_solids(polygons), indices
 
 
-def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> "Job":
-    from pourcast.engine.batch import Job  # noqa: PLC0415
-
+def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
     box, start = pour.scene.box, pour.scene.liquid
     radius, support = start.diameter / 2, settings.support_in_spacings * pour.spacing
     centre = (start.centre[0] + pour.offset[0], start.centre[1] + pour.offset[1])
@@ -169,7 +161,7 @@ def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> "Job":
     )
 
 
-def _outcome(pour: Pour, job: "Job", result: "Result", solids: Solids) -> Outcome:
+def _outcome(pour: Pour, job: Job, result: Result, solids: Solids) -> Outcome:
     from pourcast.engine.contact import TOUCH_SKIN  # noqa: PLC0415
     from pourcast.engine.solids import obstacle_distances  # noqa: PLC0415
 

@@ -2,17 +2,15 @@
 
 import math
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from pourcast.engine.job import Stepping
 from pourcast.engine.packing import (
     SUPPORT_IN_SPACINGS,
 )
 from pourcast.errors import InputError
-
-if TYPE_CHECKING:
-    from pourcast.engine.batch import Stepping
 
 Kind = Literal["liquid", "marbles"]
 """SPH liquid, or rigid spheres."""
@@ -79,10 +77,8 @@ class EngineSettings:
                     f"engine settings: {field.name}: expected {expected}, found {value}"
                 )
 
-    def stepping(self, kind: Kind, spacing: float, viscosity_alpha: float) -> "Stepping":
+    def stepping(self, kind: Kind, spacing: float, viscosity_alpha: float) -> Stepping:
         """Step and number of steps a frame for particles of a given spacing [m]."""
-        from pourcast.engine.batch import Stepping  # noqa: PLC0415 - the engine loads Numba
-
         step = self.marble_step
         if kind == "liquid":
             smoothing_length = 0.5 * self.support_in_spacings * spacing

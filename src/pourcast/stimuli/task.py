@@ -102,7 +102,10 @@ class StimulusTask:
             for suffix in (".mp4", ".webm") if settings.webm else (".mp4",):
                 made.append(self.folder / f"{self.id}{suffix}")
                 with replacing(made[-1]) as temporary:
-                    write_film(temporary, picture, self.picture_count, self._metadata())
+                    write_film(
+                        temporary, picture, self.picture_count, self._metadata(),
+                        threads=self.core_count,
+                    )  # fmt: skip
         stimulus = Stimulus(
             scene=request.scene.digest,
             liquid=request.liquid.name,
