@@ -141,7 +141,7 @@ def test_several_processes_may_fill_an_empty_cache_at_once(tmp_path):
     assert [process.returncode for process in processes] == [0] * 4, answers
     assert len({answer for answer, _ in answers}) == 1
     before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nbc")}
-    assert len(before) > 4
+    assert len(before) == 3  # those that Python calls
     process = started(FIRST_DISTANCES, NUMBA_CACHE_DIR=str(tmp_path))
     assert process.communicate(timeout=200)[0] == answers[0][0]
     assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nbc")} == before
