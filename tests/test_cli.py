@@ -14,6 +14,7 @@ from PIL import Image
 
 from pourcast import cli
 from pourcast.scenes.scene_file import read_scenes, write_scenes
+from pourcast.simulation.memory import REMEMBERED
 from tests.make import ramp_scene, random_scenes
 from tests.test_docs import COMMANDS
 
@@ -112,6 +113,7 @@ def test_show_a_picture(tmp_path, suffix):
     models = ["-m", QUICK, "-m", "water-simple", "-m", "marble:n_particles=15,zeta_sigma=0"]
     assert call("show", path, "--scene", "2", *models, "-o", out) == 0
     once = out.read_bytes()
+    REMEMBERED.forget_all()
     assert call("show", path, "--scene", "s2", *models, "-o", out) == 0
     assert out.read_bytes() == once
     if suffix == "png":
@@ -159,9 +161,10 @@ def test_the_scene_of_the_documentation(capsys):
     assert "ramp" in capsys.readouterr().out
 
 
-def test_demo(tmp_path, capsys):
+def test_demo(tmp_path, capsys, poured):
     assert call("demo", "-o", tmp_path / "demo") == 0
     assert listing(tmp_path / "demo") == ["basins.gif", "basins.png", "cup.png"]
+    assert len(poured) == 1, "pictures and film show what was poured for the judgments"
     printed = capsys.readouterr().out
     for name in ("water-ife", "truth-honey", "gravity", "position-uncertainty", "basins.gif"):
         assert name in printed

@@ -3,7 +3,7 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from typing import TypeVar
 
 from pourcast.progress import Progress, no_progress
@@ -13,7 +13,7 @@ from pourcast.simulation.settings import EngineSettings
 MOST_REMEMBERED = 64 * 2**20
 """Outcomes of so much are remembered in a process [bytes]."""
 
-PIECE = 64 * 2**20
+PIECE = 32 * 2**20
 """Of pours that are run together, so much is held at once [bytes]."""
 
 _POUR_BYTES = 2048
@@ -141,10 +141,12 @@ def outcomes_of(
             left[identity] = pour
         else:
             taken[identity] = take(known)
-    for identity, outcome in _run(left, settings, progress, record=bool(recorded)):
-        kept = outcome if identity in recorded else replace(outcome, frames=None)
-        memory.keep(identity, kept)
-        taken[identity] = take(kept)
+    record_some = not recorded.isdisjoint(left)
+    for identity, outcome in _run(left, settings, progress, record=record_some):
+        if identity not in recorded and outcome.frames is not None:
+            outcome = replace(outcome, frames=None)  # noqa: PLW2901
+        memory.keep(identity, outcome)
+        taken[identity] = take(outcome)
     return [taken[identity] for identity in identities]
 
 
@@ -176,6 +178,7 @@ def _identities(pours: Sequence[Pour], settings: EngineSettings) -> list[Identit
     # A scene's digest takes longer than all else, and most scenes are poured many times.
     scenes = {id(pour.scene): pour.scene for pour in pours}
     digests = {key: scene.digest for key, scene in scenes.items()}
+    computed = astuple(settings)
     return [
         (
             digests[id(pour.scene)],
@@ -185,7 +188,7 @@ def _identities(pours: Sequence[Pour], settings: EngineSettings) -> list[Identit
             pour.damping_zeta,
             tuple(pour.offset),
             pour.kind,
-            settings,
+            computed,
         )
         for pour in pours
     ]
