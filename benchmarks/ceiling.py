@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from pourcast.engine.batch import Job, Stepping, run_batch
+from pourcast.engine.polygons import Solids
 from pourcast.engine.simd import LANES
-from pourcast.engine.solids import Solids
 from pourcast.sweep.bench import DURATION, PAPER_STEP, obstacle_courses, undamped_jobs
 
 STEPS = round(DURATION / PAPER_STEP)

@@ -7,8 +7,8 @@ from pourcast.engine import sph
 from pourcast.engine.batch import run_batch
 from pourcast.engine.block import fill_lane
 from pourcast.engine.job import Job, Result, Stepping
+from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.engine.smoothing import GRADIENT_FACTOR
-from pourcast.engine.solids import Solids, pack_solids
 from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily

@@ -177,6 +177,11 @@ def test_models_are_listed(capsys):
     assert len(json.loads(capsys.readouterr().out)["presets"]) == 13
 
 
+def test_units_in_a_tables_head_are_no_markup(capsys):
+    assert call("list") == 0
+    assert "viscosity [m2/s]" in capsys.readouterr().out
+
+
 def test_every_command_has_help_with_an_example(capsys):
     assert call() == 0
     overview = capsys.readouterr().out
@@ -272,13 +277,6 @@ def _disk_full(*args, **kwargs):
 
 
 # Starting up -------------------------------------------------------------------------
-
-
-def test_importing_loads_no_heavy_backend():
-    heavy = ("numba", "matplotlib", "pandas", "scipy", "shapely", "pydantic")
-    code = f"import sys, pourcast, pourcast.cli; print([m for m in {heavy} if m in sys.modules])"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"
 
 
 def test_every_public_name_can_be_had():

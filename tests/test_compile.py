@@ -14,7 +14,8 @@ from pourcast.engine.compile import Kernel, allocating_kernel, kernel
 CODE = """
 import json
 from numba.core import event
-from pourcast.engine.solids import pack_solids, signed_distance
+from pourcast.engine.polygons import pack_solids
+from pourcast.engine.solids import signed_distance
 from pourcast.engine.compile import kernel_cache_dir
 square = pack_solids([[(((0, 0), (1, 0), (1, 1), (0, 1)), False)]])
 with event.install_recorder("numba:compile") as compiled:

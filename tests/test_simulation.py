@@ -144,8 +144,7 @@ def test_the_command_line_says_of_a_broken_pour_in_a_line_which_it_was(monkeypat
     def broken(*_, **__):
         raise SimulationDivergedError("scene 'ramp', 50 particles of 'water': diverged")
 
-    monkeypatch.setattr("pourcast.prediction.predict", broken)
-    monkeypatch.setattr("pourcast.predict", broken, raising=False)
+    monkeypatch.setattr("pourcast.prediction.judge_scenes", broken)
     status = cli.run(["predict", "examples/ramp.json", "-m", "ife"])
     assert status == 1
     assert capsys.readouterr().err == "pourcast: scene 'ramp', 50 particles of 'water': diverged\n"

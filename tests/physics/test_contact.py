@@ -5,7 +5,8 @@ import pytest
 import shapely
 
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN, collide_with_polygons, list_near
-from pourcast.engine.solids import BroadPhase, build_broad_phase, pack_solids, signed_distance
+from pourcast.engine.polygons import pack_solids
+from pourcast.engine.solids import BroadPhase, build_broad_phase, signed_distance
 from pourcast.engine.state import NEAR_EDGES, NEAR_POLYGONS
 from tests.make import job, loaded_block, random_scenes
 

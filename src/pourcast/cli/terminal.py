@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -76,19 +76,33 @@ def progress_bar() -> Iterator[Any]:
 
 
 def print_table(frame: Any, *, decimals: int = 2) -> None:
-    """Print a small table with rich, its index first."""
+    """Print a small table of pandas, its index first."""
+    labels = {str(frame.index.name or ""): frame.index.tolist()}
+    values = {str(name): frame[name].tolist() for name in frame.columns}
+    print_columns(labels | values, decimals=decimals)
+
+
+def print_rows(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print a small table from its rows, all with the same names of columns."""
+    print_columns({name: [row[name] for row in rows] for name in rows[0]})
+
+
+def print_columns(columns: Mapping[str, Sequence[Any]], *, decimals: int = 2) -> None:
+    """Print a small table with rich from its columns, of which the first names the rows."""
     from rich.console import Console
     from rich.table import Table
 
+    first, *others = columns
     table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column(str(frame.index.name or ""))
-    for name in frame.columns:
-        numeric = frame[name].dtype.kind in "fiu"
-        table.add_column(str(name), justify="right" if numeric else "left", overflow="fold")
-    for label, *row in frame.itertuples(name=None):
+    table.add_column(first)
+    for name in others:
+        numeric = {type(value) for value in columns[name]} <= {int, float}
+        table.add_column(name, justify="right" if numeric else "left", overflow="fold")
+    for label, *row in zip(*columns.values(), strict=True):
         cells = [f"{v:.{decimals}f}" if isinstance(v, float) else str(v) for v in row]
         table.add_row(str(label), *("-" if cell == "nan" else cell for cell in cells))
-    Console().print(table)
+    # A unit such as [m2/s] is no markup.
+    Console(markup=False, emoji=False).print(table)
 
 
 def print_json(content: Any) -> None:

@@ -22,8 +22,9 @@ from pourcast.engine.block import Block, Kind, Lockstep, Simulation, Single, lan
 from pourcast.engine.clusters import most_members
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN
 from pourcast.engine.job import Job, Result, Stepping
+from pourcast.engine.polygons import Solids
 from pourcast.engine.simd import LANES, flush_denormals
-from pourcast.engine.solids import BroadPhase, Solids, build_broad_phase, join_broad_phases
+from pourcast.engine.solids import BroadPhase, build_broad_phase, join_broad_phases
 
 OnDone = Callable[[int, Result], None]
 """Called from a worker thread with number and result of each job that ended."""

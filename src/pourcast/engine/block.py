@@ -26,9 +26,10 @@ from pourcast.engine.diagnostics import (
     measure_and_check,
 )
 from pourcast.engine.job import Job, Result, Stepping
+from pourcast.engine.polygons import Solids
 from pourcast.engine.simd import LANES
 from pourcast.engine.smoothing import GRADIENT_FACTOR
-from pourcast.engine.solids import BroadPhase, Solids
+from pourcast.engine.solids import BroadPhase
 from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
 from pourcast.engine.team import Helper
 from pourcast.errors import SimulationDivergedError

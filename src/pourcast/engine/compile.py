@@ -62,7 +62,7 @@ def kernel_cache_dir() -> Path:
     where no cache folder can be written, a private temporary one serves.
     """
     package = Path(__file__).parents[1]
-    kernels = ("engine/*.py", "models/*.py", "stimuli/lattice_boltzmann/*.py")
+    kernels = ("engine/*.py", "stimuli/lattice_boltzmann/*.py")
     digest = digest_of_sources(path for pattern in kernels for path in package.glob(pattern))
     parent = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("pourcast")
     folder = Path(parent) / f"kernels-{digest}"

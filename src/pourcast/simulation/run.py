@@ -7,14 +7,12 @@ from dataclasses import fields
 
 import numpy as np
 
-from pourcast.engine.batch import Batch, run_batches
-from pourcast.engine.contact import TOUCH_SKIN
 from pourcast.engine.job import Job, Result, Stepping
 from pourcast.engine.packing import (
     pack_cylinder,
     reference_density,
 )
-from pourcast.engine.solids import Solids, obstacle_distances, pack_solids
+from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.errors import SimulationDivergedError
 from pourcast.progress import Progress, no_progress
 from pourcast.scenes.scene import Scene
@@ -66,6 +64,9 @@ def simulate(
     SimulationDivergedError
         If a pour breaks: the message names scene, liquid and settings.
     """
+    # The engine loads Numba: when something is simulated, and not for what only names it.
+    from pourcast.engine.batch import Batch, run_batches  # noqa: PLC0415
+
     settings = settings or EngineSettings()
     groups: dict[tuple[Kind, int, Stepping], list[int]] = defaultdict(list)
     for index, pour in enumerate(pours):
@@ -161,6 +162,9 @@ def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
 
 
 def _outcome(pour: Pour, job: Job, result: Result, solids: Solids) -> Outcome:
+    from pourcast.engine.contact import TOUCH_SKIN  # noqa: PLC0415
+    from pourcast.engine.solids import obstacle_distances  # noqa: PLC0415
+
     goal, position = pour.scene.goal, result.position.astype(np.float64)
     held = [goal.holds(x, y) for x, y in position[:, :2]]
     gap = obstacle_distances(position[:, :2], job.scene, solids)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pourcast.engine.batch import available_cores, run_batch
 from pourcast.engine.job import Job, Stepping
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
-from pourcast.engine.solids import Solids, pack_solids
+from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene import Scene
