@@ -6,7 +6,7 @@ import pytest
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, demo_scenes, make_model, simulate
 from pourcast.engine import diagnostics, rigid, sph
 from pourcast.engine.batch import run_batch
-from pourcast.engine.block import Simulation, Single
+from pourcast.engine.block import Simulation, SingleLiquid
 from pourcast.engine.diagnostics import (
     GAINS_ENERGY,
     NOT_FINITE,
@@ -222,7 +222,7 @@ def test_a_single_simulation_is_measured_as_the_same_in_lockstep():
     sph.find_density(state, lanes)
     lockstep = empty_diagnostics()
     measure(state, lanes, 0.0, 310, False, lockstep)
-    single = Single(310)
+    single = SingleLiquid(310)
     single.put([Simulation(0, one)], STEP)
     for name in ("squared_speed", "head", "energy", "outside"):
         assert getattr(single.diagnostics, name) == pytest.approx(

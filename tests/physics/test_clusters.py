@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.engine import batch, clusters
-from pourcast.engine.block import Simulation, Single
+from pourcast.engine.block import Simulation, SingleLiquid
 from pourcast.engine.simd import LANES
 from tests.make import job, random_scenes
 
@@ -35,10 +35,11 @@ def told(outcome) -> tuple[object, ...]:
 @pytest.mark.parametrize("count", [1, 2, 7, 16, 17, 50, 130])
 def test_lockstep_and_single_simulations_have_the_same_bits(monkeypatch, count):
     pours = [
-        Pour(scene, liquid, count, zeta)
+        Pour(scene, liquid, count, zeta, kind=kind)
         for scene in random_scenes(2, seed=count)
         for liquid in (WATER, HONEY_EXP1)
         for zeta in (0.0, 5.0)
+        for kind in ("liquid", "marbles")
     ]
     found = []
     for way in ("lockstep", "single"):
@@ -53,15 +54,17 @@ def test_lockstep_and_single_simulations_have_the_same_bits(monkeypatch, count):
     st.integers(1, 4),
     st.sampled_from([1.5, 4.0, 7.0]),
     st.integers(0, 1000),
+    st.sampled_from(["liquid", "marbles"]),
 )
-def test_simulations_may_change_between_both_at_any_frame(counts, threads, worth, seed):
+def test_simulations_may_change_between_both_at_any_frame(counts, threads, worth, seed, kind):
     # Durations differ, so that blocks run out of simulations and hand over the rest.
     rng = np.random.default_rng(seed)
     scenes = random_scenes(4, seed=1)
     pours = [
-        Pour(scenes[rng.integers(4)], WATER, count, float(rng.integers(40))) for count in counts
+        Pour(scenes[rng.integers(4)], WATER, count, float(rng.integers(40)), kind=kind)
+        for count in counts
     ]
-    brief = EngineSettings(max_duration=0.5, step=1e-3)
+    brief = EngineSettings(max_duration=0.5, step=1e-3, marble_step=1e-3)
     with pytest.MonkeyPatch.context() as patch:
         always(patch, "single")
         expected = [told(o) for o in simulate(pours, settings=brief, record=True, threads=1)]
@@ -75,7 +78,7 @@ def test_simulations_may_change_between_both_at_any_frame(counts, threads, worth
 def test_lists_hold_all_that_is_near_in_the_order_of_numbers(count):
     rng = np.random.default_rng(count)
     place = (rng.uniform(0, 1, (count, 3)) * [1.0, 1.5, 0.148]).astype(np.float32)
-    single, one = Single(count), job(place, support_radius=0.13)
+    single, one = SingleLiquid(count), job(place, support_radius=0.13)
     single.put([Simulation(0, one)], 1e-4)
     lists = single._clusters
     assert sorted(lists.order) == list(range(len(lists.order)))
@@ -107,8 +110,8 @@ def test_a_team_of_threads_has_the_same_bits(monkeypatch, members):
 
 def test_threads_without_simulations_of_their_own_help_with_the_others(monkeypatch):
     joined = []
-    join = Single.join
-    monkeypatch.setattr(Single, "join", lambda single: joined.append(single) or join(single))
+    join = SingleLiquid.join
+    monkeypatch.setattr(SingleLiquid, "join", lambda single: joined.append(single) or join(single))
     simulate([Pour(random_scenes(1)[0], WATER, 400)], settings=SHORT, threads=3)
     assert len(joined) == 2
     joined.clear()
@@ -120,7 +123,7 @@ def test_clusters_are_of_particles_near_one_another():
     # A cluster of a packed blob is wider than its share of the volume, but not by much.
     rng = np.random.default_rng(3)
     place = (0.4 + 0.2 * rng.uniform(0, 1, (512, 3))).astype(np.float32)
-    single = Single(512)
+    single = SingleLiquid(512)
     single.put([Simulation(0, job(place, depth=1.0, radius=0.0125, support_radius=0.06))], 1e-4)
     widths = (single._clusters.high - single._clusters.low)[:, : 512 // LANES]
     assert widths.mean() < 2.2 * 0.2 * (LANES / 512) ** (1 / 3)
@@ -128,7 +131,7 @@ def test_clusters_are_of_particles_near_one_another():
 
 def test_what_falls_as_one_keeps_its_lists():
     place = 0.5 + 0.02 * np.arange(30).reshape(10, 3).astype(np.float32) % 0.3
-    single = Single(10)
+    single = SingleLiquid(10)
     single.put([Simulation(0, job(place))], 1e-4)
     moved = (single.state, single.parameters, single._clusters)
     assert not clusters.have_moved(*moved)

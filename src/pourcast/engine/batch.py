@@ -18,7 +18,15 @@ from functools import partial
 
 import numpy as np
 
-from pourcast.engine.block import Block, Kind, Lockstep, Simulation, Single, lanes_worth
+from pourcast.engine.block import (
+    Block,
+    Kind,
+    Lockstep,
+    Simulation,
+    SingleLiquid,
+    SingleMarbles,
+    lanes_worth,
+)
 from pourcast.engine.clusters import most_members
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN
 from pourcast.engine.job import Job, Result, Stepping
@@ -149,7 +157,7 @@ class _Work:
     def __init__(self, worker_count: int, on_done: OnDone) -> None:
         self._worker_count, self._on_done = worker_count, on_done
         self._queues: list[_Queue] = []
-        self._singles: list[Single] = []
+        self._singles: list[SingleLiquid] = []
         """Those that are running."""
         self._changed = threading.Condition()
         self._busy = 0
@@ -196,7 +204,7 @@ class _Work:
         return None
 
     def _run_and_tell(self, queue: _Queue, block: Block, taken: list[Simulation]) -> None:
-        if isinstance(block, Single):
+        if isinstance(block, SingleLiquid):
             with self._changed:
                 self._singles.append(block)
                 self._changed.notify_all()
@@ -204,7 +212,7 @@ class _Work:
             self._run_block(queue, block, taken)
         finally:
             with self._changed:
-                if isinstance(block, Single):
+                if isinstance(block, SingleLiquid):
                     self._singles.remove(block)
                     block.regroup(alone=True)
                 self._busy -= 1
@@ -216,7 +224,11 @@ class _Work:
         # Threads that share this queue: none where every thread has one of its own.
         sharing = -(-self._worker_count // len(left))
         width = min(LANES, -(-len(queue.waiting) // sharing))
-        block = Lockstep(count, kind) if width >= lanes_worth(count, kind) else Single(count)
+        block: Block
+        if width >= lanes_worth(count, kind):
+            block = Lockstep(count, kind)
+        else:
+            block = SingleMarbles(count) if kind == "marbles" else SingleLiquid(count)
         return queue, block, _take_from(queue.waiting, min(width, block.lanes))
 
     def _run_block(self, queue: _Queue, block: Block, taken: list[Simulation]) -> None:
@@ -230,7 +242,7 @@ class _Work:
                 self._on_done(number, result)
             with self._changed:
                 taken = _take_from(queue.waiting, width - len(block.simulations))
-                if isinstance(block, Single):
+                if isinstance(block, SingleLiquid):
                     block.regroup(alone=any(other.waiting for other in self._queues))
                 if not block.simulations and not taken:
                     return

@@ -318,22 +318,43 @@ class Lockstep(Block):
 
 
 class Single(Block):
-    """One simulation of a liquid: particle i in row i // LANES, lane i % LANES."""
+    """One simulation: particle i in row i // LANES, lane i % LANES."""
 
     lanes, rows_are_one = 1, True
 
+    def __init__(self, count: int, kind: Kind) -> None:
+        super().__init__(count, -(-count // LANES), kind)
+
+    def particles_of(self, array: NDArray[Any], lane: int) -> NDArray[Any]:
+        """View of a field of `State` for the one simulation, copies of the last particle too."""
+        return array.reshape(*array.shape[:-2], -1)
+
+
+class SingleMarbles(Single):
+    """One simulation of rigid spheres."""
+
     def __init__(self, count: int) -> None:
-        super().__init__(count, -(-count // LANES), "liquid")
+        super().__init__(count, "marbles")
+
+    def _find_density(self) -> None:
+        """Spheres have none."""
+
+    def _advance(self, *arguments: Any) -> None:
+        advance: Any = rigid.advance_one
+        advance(*arguments, self.count)
+
+
+class SingleLiquid(Single):
+    """One simulation of a liquid, by clusters of its particles; threads can share it."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__(count, "liquid")
         self._clusters = clusters.empty_clusters(count)
         self.helpers: list[Helper] = []
         """Threads that share the simulation."""
         self._joining: list[Helper] = []
         self._seconds_alone = np.inf
         self._slow_frames = 0
-
-    def particles_of(self, array: NDArray[Any], lane: int) -> NDArray[Any]:
-        """View of a field of `State` for the one simulation, copies of the last particle too."""
-        return array.reshape(*array.shape[:-2], -1)
 
     def _find_density(self) -> None:
         clusters.find_density(self.state, self.parameters, self._clusters)
@@ -398,7 +419,10 @@ class Single(Block):
             self.helpers.clear()
 
 
-_PARTICLES_A_LANE = {16: 9.0, 8: 12.0, 4: 14.0}
+_PARTICLES_A_LANE: dict[Kind, dict[int, float]] = {
+    "liquid": {16: 9.0, 8: 12.0, 4: 14.0},
+    "marbles": {16: 15.0, 8: 24.0, 4: 40.0},
+}
 
 
 def lanes_worth(count: int, kind: Kind) -> float:
@@ -412,6 +436,6 @@ def lanes_worth(count: int, kind: Kind) -> float:
     count
         Number of particles of each.
     kind
-        Marbles are computed in lockstep always.
+        Of which kind of particles.
     """
-    return 1.0 if kind == "marbles" else count / _PARTICLES_A_LANE[LANES]
+    return count / _PARTICLES_A_LANE[kind][LANES]

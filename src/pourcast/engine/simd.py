@@ -276,6 +276,10 @@ if numba.config.DISABLE_JIT:
         """The value in the first `count` lanes, 0 in the others."""
         return np.where(np.arange(LANES) < count, value, np.float32(0.0))
 
+    def first_lane(value: Any) -> Any:
+        """The value in the first lane."""
+        return value[0]
+
     def sum_lanes(value: Any) -> Any:
         """Sum over the lanes: halves are added until one value is left."""
         while len(value) > 1:
@@ -459,6 +463,15 @@ else:
             return builder.select(_before(builder, args[1]), args[0], ir.Constant(_VECTOR, None))
 
         return vector(vector, types.intp), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def first_lane(typingctx: Any, value: Any) -> Any:
+        """The value in the first lane."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return builder.extract_element(args[0], ir.Constant(_INDEX, 0))
+
+        return types.float32(vector), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
     def sum_lanes(typingctx: Any, value: Any) -> Any:
