@@ -264,10 +264,11 @@ def _print_estimate(plan: "Plan", store: "Store", workers: int | None, *, as_jso
 def _run_part(plan: "Plan", store: "Store", shard: str) -> None:
     from pourcast.sweep.run import parse_part, run_part
 
-    bad = False
-    for result in run_part(plan, store, *parse_part(shard, len(plan.shards))):
-        bad |= result.outcome not in ("done", "busy")
-        typer.echo(f"shard {result.task}: {result.outcome} {result.message}".rstrip(), err=True)
+    bad, part = False, parse_part(shard, len(plan.shards))
+    with _sweep_bar() as report:
+        for result in run_part(plan, store, *part, report):
+            bad |= result.outcome not in ("done", "busy")
+            typer.echo(f"shard {result.task}: {result.outcome} {result.message}".rstrip(), err=True)
     if bad:
         raise typer.Exit(1)
 
