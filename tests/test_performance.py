@@ -124,7 +124,7 @@ def test_a_speed_too_small_for_a_normal_number_is_none():
     ("n", "kind", "few", "many"),
     [
         (15, "marbles", 50, 550),
-        (400, "liquid", 4, 20),
+        (400, "liquid", 4, 44),
         pytest.param(2000, "liquid", 4, 20, marks=pytest.mark.slow),
     ],
 )
