@@ -52,7 +52,7 @@ def simulate(
         Worker threads; all cores by default. The result has the same bits for
         any number, and for any company in which a pour is run.
     progress
-        Called after each simulation.
+        Called before the first simulation, and after each.
 
     Returns
     -------
@@ -73,6 +73,7 @@ def simulate(
         stepping = settings.stepping(pour.kind, pour.spacing, pour.liquid.viscosity_alpha)
         groups[pour.kind, pour.n_particles, stepping].append(index)
     done, lock = 0, threading.Lock()
+    progress(0, len(pours))
 
     def count_one(_index: int, _result: Result) -> None:
         nonlocal done
