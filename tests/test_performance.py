@@ -76,7 +76,8 @@ def test_several_processes_may_fill_an_empty_cache_at_once(tmp_path):
     assert [process.returncode for process in processes] == [0] * 4, answers
     assert len({answer for answer, _ in answers}) == 1
     before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nbc")}
-    assert len(before) > 5
+    # One kernel is called from Python; those that it calls are parts of it.
+    assert [file.name.startswith("simple.walk") for file in before] == [True]
     process = started(FIRST_PATHS, NUMBA_CACHE_DIR=str(tmp_path))
     assert process.communicate(timeout=200)[0] == answers[0][0]
     assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nbc")} == before
