@@ -1,14 +1,16 @@
 """A ceiling for the engine: the same work in C++ with vector extensions (`ceiling.cpp`).
 
-Contacts included. Needs g++ or clang++; with both, the faster program counts.
+Contacts included. Needs g++ or clang++; of several programs the fastest counts.
 """
 
 import shutil
 import subprocess
 import time
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
+import llvmlite.binding
 import numpy as np
 
 from pourcast.engine.batch import Job, Stepping, run_batch
@@ -44,16 +46,23 @@ def numbers(job: Job, solids: Solids) -> str:
 
 
 def build(folder: Path) -> dict[str, Path]:
-    """Programs by compiler, for the vectors that our kernels use too; none without a compiler."""
-    # A machine with AVX-512 that our kernels take for one without is Haswell to the compilers.
-    target = "haswell" if vector_instructions() == "AVX2" else "native"
-    programs = {}
-    for compiler in filter(shutil.which, COMPILERS):
-        program = folder / f"ceiling-{compiler}"
-        source = Path(__file__).with_name("ceiling.cpp")
-        command = [compiler, *FLAGS, f"-march={target}", str(source), "-o", str(program)]
+    """Programs by compiler and lanes, for the vectors that our kernels use too.
+
+    None without a compiler. Eight lanes of AVX-512 leave more pairs out than sixteen.
+    """
+    vectors = vector_instructions()
+    has_more = bool(llvmlite.binding.get_host_cpu_features().get("avx512f"))
+    if vectors == "AVX2" and has_more:
+        target = "-march=haswell"  # the machine is taken for a lesser one
+    else:
+        target = "-mcpu=native" if vectors == "NEON" else "-march=native"
+    lanes = {"AVX-512": (16, 8), "AVX2": (8,), "AVX": (8,)}.get(vectors, (4,))
+    source, programs = Path(__file__).with_name("ceiling.cpp"), {}
+    for compiler, count in product(filter(shutil.which, COMPILERS), lanes):
+        program = folder / f"ceiling-{compiler}-{count}"
+        command = [compiler, *FLAGS, target, f"-DLANES={count}", str(source), "-o", str(program)]
         subprocess.run(command, check=True, capture_output=True)
-        programs[compiler] = program
+        programs[f"{compiler}, {count} lanes"] = program
     return programs
 
 

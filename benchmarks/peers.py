@@ -210,9 +210,7 @@ def jax_seconds(count: int, batch: int) -> float:
         return (jnp.clip(x + PAPER_STEP * v, low, high), v), None
 
     length = measured_steps(count, batch)
-    advance = jax.jit(
-        jax.vmap(lambda x, v: jax.lax.scan(step, (x, v), None, length=length)[0])
-    )
+    advance = jax.jit(jax.vmap(lambda x, v: jax.lax.scan(step, (x, v), None, length=length)[0]))
     start = jnp.array(np.tile(job.position[None], (batch, 1, 1)))
     state = (start, jnp.zeros_like(start))
 

@@ -61,21 +61,21 @@ def latency_table(counts: Sequence[int] = COUNTS, report: Report = no_report) ->
         pour = Pour(scene, liquid, count, kind=kind)
         simulate([pour], settings=EngineSettings(max_duration=0.05))  # for the compiler
         ended: list[float] = []
-
-        def one_pour(pour: Pour = pour, ended: list[float] = ended) -> None:
-            ended.append(simulate([pour])[0].time)
-
-        taken = milliseconds(one_pour, share)
-        rows.append(_row(what, str(count), ended[0], taken))
+        taken = milliseconds(partial(_pour_once, pour, ended), share)
+        rows.append(_row(what, count, ended[0], taken))
     # Each run judges another scene: what is known of one already isn't simulated again.
-    numbers = counted(1)
+    scenes = map(_scene, counted(1))
     for done, preset in enumerate(PREDICTED, start=len(cases)):
         report(f"predict, {preset}", done, total)
-        taken = milliseconds(
-            lambda preset=preset: predict([_scene(next(numbers))], [preset]), share
-        )  # type: ignore[misc]
-        rows.append(_row(f"predict, {preset}", "-", np.nan, taken))
-    return pd.DataFrame(rows).set_index(["what", "N"])
+        taken = milliseconds(partial(_predict_next, scenes, preset), share)
+        rows.append(_row(f"predict, {preset}", np.nan, np.nan, taken))
+    table = pd.DataFrame(rows)
+    table["N"] = pd.Series([row["N"] for row in rows], dtype=object)  # whole numbers, or none
+    return table.set_index(["what", "N"])
+
+
+def _pour_once(pour: Pour, ended: list[float]) -> None:
+    ended.append(simulate([pour])[0].time)
 
 
 def milliseconds(run: Callable[[], object], seconds: float) -> list[float]:
