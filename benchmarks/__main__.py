@@ -36,6 +36,8 @@ AGAIN_WITHOUT_AVX512 = ("batch", "latency")
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "speed.png"
 LATENCY_COUNTS = (50, 200)
 GROWTH_COUNTS = (15, 50, 100, 200, 300, 301, 500, 1000, 2000, 5000)
+GROWTH_FROM = 1000
+"""The exponent of growth is of this many particles and more."""
 _GROWTH_DURATION = 0.6
 _TURNS = 3
 """Ours and the ceiling are measured in turns, the best counts: the machine may have other work."""
@@ -220,7 +222,7 @@ def growth(*, with_peers: bool) -> None:  # noqa: ARG001 (no peer takes part)
     print("\n**Cost against the number of particles, one core**\n")
     table = pd.DataFrame([list(costs.values())], columns=list(costs), index=["ms per step"])
     print_markdown(table.rename_axis("N"))
-    large = [n for n in costs if n >= 1000]
+    large = [n for n in costs if n >= GROWTH_FROM]
     slope = np.polyfit(np.log(large), np.log([costs[n] for n in large]), 1)[0]
     span = f"From N = {large[0]:,} to {large[-1]:,}"
     print(f"\n{span} the cost grows as N to the power of {slope:.2f}.")
