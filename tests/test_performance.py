@@ -12,6 +12,7 @@ import pytest
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.engine import sph
 from pourcast.engine.compile import kernel
+from pourcast.engine.pairs import empty_pairs
 from pourcast.engine.solids import BroadPhase, build_broad_phase
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.study.selection import filtered_scenes
@@ -127,6 +128,7 @@ FIRST_DISTANCES = """
 import numpy as np
 from pourcast.engine.polygons import pack_solids
 from pourcast.engine.smoothing import weight
+from pourcast.engine.pairs import empty_pairs
 from pourcast.engine.solids import grid_index, obstacle_distances
 solids = pack_solids([[(np.array([[0.2, 0.2], [0.8, 0.2], [0.5, 0.9]]), False)]])
 distances = obstacle_distances(np.array([[0.5, 0.5]]), 0, solids)
@@ -244,13 +246,14 @@ def test_the_engine_needs_few_cycles_a_pair():
     cells = BroadPhase(*build_broad_phase(solids, np.tile([1.0, 1.5], (16, 1)), 0.03, 0, 16))
     state, lanes = loaded_block(bench.undamped_jobs(count, 16), 2e-4)
     block = (state, lanes, solids, cells, 2e-4)
+    pairs = empty_pairs(count)
     chain(1.0, 10)
     ratios = []
     for _ in range(10):
         times = [time.process_time()]
         chain(1.0, links)
         times.append(time.process_time())
-        sph.advance(*block, steps)
+        sph.advance(*block, steps, pairs)
         times.append(time.process_time())
         link, pair = np.diff(times) / (links, steps * 16 * count * (count - 1) / 2)
         ratios.append(pair / link)
