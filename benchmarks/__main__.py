@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 
 from benchmarks import ceiling, peers
 from pourcast.engine.batch import available_cores, run_batch
-from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
+from pourcast.engine.block import lanes_worth
 from pourcast.engine.simd import LANES
 from pourcast.simulation.settings import EngineSettings, Kind
 from pourcast.sweep.bench import COUNTS, DURATION, obstacle_courses, undamped_jobs
@@ -202,7 +202,7 @@ def growth_costs() -> dict[int, float]:
     """Milliseconds per step and simulation against the number of particles, on one core."""
     found = {}
     for count in GROWTH_COUNTS:
-        batch = LANES if count <= ALL_PAIRS_LIMIT else 1
+        batch = LANES if lanes_worth(count, "liquid") <= LANES else 1
         jobs = [replace(job, duration=_GROWTH_DURATION) for job in undamped_jobs(count, batch)]
         run = [jobs, obstacle_courses(batch), ceiling.STEPPING]
         run_batch([replace(jobs[0], duration=1e-3)], *run[1:], threads=1)  # for the compiler

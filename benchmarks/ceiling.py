@@ -13,8 +13,9 @@ from pathlib import Path
 import llvmlite.binding
 import numpy as np
 
-from pourcast.engine.batch import Job, Stepping, run_batch
-from pourcast.engine.solids import Solids
+from pourcast.engine.batch import run_batch
+from pourcast.engine.job import Job, Stepping
+from pourcast.engine.polygons import Solids
 from pourcast.sweep.bench import DURATION, PAPER_STEP, obstacle_courses, undamped_jobs
 from pourcast.sweep.machine import vector_instructions
 

@@ -13,7 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks import splishsplash
-from pourcast.engine.batch import Job, fill_lane
+from pourcast.engine.block import fill_lane
+from pourcast.engine.job import Job
 from pourcast.engine.state import empty_parameters
 from pourcast.sweep.bench import DURATION, PAPER_STEP, undamped_jobs
 

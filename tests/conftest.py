@@ -6,6 +6,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from pourcast.scenes.scene import Scene
+from pourcast.simulation import run
+from pourcast.simulation.memory import REMEMBERED
+from pourcast.simulation.pour import Pour
 from tests.make import ramp_scene
 
 LONG = ("tests/test_docs.py", "tests/networks/test_commands.py", "tests/e2e/test_slurm.py")
@@ -27,3 +30,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def ramp() -> Scene:
     return ramp_scene()
+
+
+@pytest.fixture(autouse=True)
+def _nothing_remembered() -> None:
+    """No test finds what another has poured."""
+    REMEMBERED.forget_all()
+
+
+@pytest.fixture
+def poured(monkeypatch: pytest.MonkeyPatch) -> list[list[Pour]]:
+    """Pours that are run from now on: a list for each call of `simulate`."""
+    calls: list[list[Pour]] = []
+    simulate = run.simulate
+
+    def watched(pours, **options):
+        calls.append(list(pours))
+        return simulate(pours, **options)
+
+    monkeypatch.setattr(run, "simulate", watched)
+    return calls

@@ -4,9 +4,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pourcast.engine import sph
-from pourcast.engine.batch import Job, Result, Stepping, fill_lane, run_batch
+from pourcast.engine.batch import run_batch
+from pourcast.engine.block import fill_lane
+from pourcast.engine.job import Job, Result, Stepping
+from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.engine.smoothing import GRADIENT_FACTOR
-from pourcast.engine.solids import Solids, pack_solids
 from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily
@@ -83,7 +85,7 @@ def run_one(one: Job, step: float, duration: float, solids: Solids = NO_SOLIDS, 
 
 
 def loaded_block(jobs: list[Job], step: float) -> tuple[State, LaneParameters]:
-    """State and lanes of up to 16 jobs, ready for the kernels."""
+    """State and lanes of up to `LANES` jobs, ready for the kernels."""
     state, lanes = empty_state(len(jobs[0].position)), empty_parameters()
     for lane, one in enumerate(jobs):
         state.position[:, :, lane] = one.position.T

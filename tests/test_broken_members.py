@@ -8,9 +8,12 @@ import pytest
 from pourcast import cli
 from pourcast.errors import InputError, StoreError
 from pourcast.files import write_text
-from pourcast.models.base import Model, parameter
+from pourcast.models.base import Model, SimulationModel, parameter
+from pourcast.pictures.show import show
+from pourcast.prediction import predict
 from pourcast.registry import Registry
 from pourcast.scenes.scene_file import write_scenes
+from pourcast.simulation.pour import Pour
 from pourcast.study.experiments.registry import EXPERIMENTS
 from pourcast.sweep.judgments import judge_in_study, judgments_of, study_judgments
 from tests.experiment.make import scenes_of
@@ -98,6 +101,31 @@ def test_what_is_no_judgment_is_refused_by_every_way_to_ask(installed, study, ca
     with pytest.raises(StoreError, match="model 'odd'") as told:
         judge_in_study(study, scenes_of("exp1", 2), [("water", "odd")], "asked")
     assert "\n" not in str(told.value)
+
+
+@dataclass(frozen=True)
+class Stubborn(SimulationModel):
+    """Pours, but says what it likes."""
+
+    same_pours_everywhere = True
+
+    def pours(self, scene, liquid, seed=0):
+        return [Pour(scene, liquid, 5, 7.0)]
+
+    def judge(self, scenes, liquid, seed=0, *, progress=None):
+        return 0.25 + 0.0 * super().judge(scenes, liquid, seed)
+
+
+def test_a_pouring_model_that_judges_in_its_own_way_is_asked_by_every_way_to_ask(
+    installed, study, tmp_path
+):
+    installed("models", stubborn=Stubborn)
+    scenes = scenes_of("exp1", 2)
+    assert (predict(scenes, ["stubborn"])["judgment"] == 0.25).all()
+    (shown,) = show(scenes[0], tmp_path / "p.png", ["stubborn"])
+    assert shown.judgment == 0.25
+    asked = judge_in_study(study, scenes, [("water", "stubborn")], "asked")
+    assert (asked["water", "stubborn"] == 0.25).all()
 
 
 def test_a_model_without_parameters_is_a_model(installed, study, capsys):

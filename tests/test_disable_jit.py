@@ -10,20 +10,21 @@ import pytest
 CODE = """
 import json
 import numpy as np
-from pourcast.engine import neighbours
+from pourcast.engine import batch
 from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow
 from pourcast import HONEY_EXP1, EngineSettings, Pour, WATER, read_scenes, simulate, make_model
 scene = read_scenes("examples/ramp.json")[0]
 scene = scene.model_copy(update={"liquid": scene.liquid.model_copy(update={"centre": (0.4, 0.945)})})
 settings = EngineSettings(max_duration=0.034)
 found = []
+batch.lanes_worth = lambda count, kind: 0.0
 for pour in (
     Pour(scene, WATER, 4),
     Pour(scene, HONEY_EXP1, 4, 5.0),
     Pour(scene, WATER, 4, kind="marbles"),
 ):
     found.append(simulate([pour], settings=settings, threads=1)[0].position.tolist())
-neighbours.ALL_PAIRS_LIMIT = 3
+batch.lanes_worth = lambda count, kind: np.inf
 found.append(simulate([Pour(scene, WATER, 4)], settings=settings)[0].position.tolist())
 found.append([p.tolist() for p in make_model("simple:n_points=3,g=0.3").paths(scene)])
 solid = np.tril(np.ones((6, 9), dtype=bool), -5)[..., None].repeat(3, axis=2)
@@ -40,8 +41,9 @@ print(json.dumps(found))
 FAULTS = """
 import json
 import numpy as np
-from pourcast.engine import neighbours
-from pourcast.engine.batch import Stepping, run_batch
+from pourcast.engine import batch
+from pourcast.engine.batch import run_batch
+from pourcast.engine.job import Stepping
 from pourcast.errors import SimulationDivergedError
 from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow
 from tests.make import NO_SOLIDS, job
@@ -53,8 +55,8 @@ def tried(call):
         found.append("no error")
     except SimulationDivergedError as error:
         found.append(str(error).split("; ")[0])
-for limit, kind in ((300, "liquid"), (3, "liquid"), (300, "marbles")):
-    neighbours.ALL_PAIRS_LIMIT = limit
+for worth, kind in ((0.0, "liquid"), (np.inf, "liquid"), (0.0, "marbles")):
+    batch.lanes_worth = lambda count, kind, worth=worth: worth
     for value in (np.nan, np.inf, 1e30, 1e3, 0.1):
         velocity = np.zeros((5, 3), np.float32)
         velocity[2, 1] = value

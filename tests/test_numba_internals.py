@@ -18,12 +18,17 @@ ROOT = Path(__file__).parents[1]
 ENGINE = ROOT / "src" / "pourcast" / "engine"
 
 IMPORTED = {
-    "numba.njit": "nogil= error_model= _nrt=",
+    "numba.njit": "nogil= error_model= _nrt= no_cfunc_wrapper= no_cpython_wrapper= pipeline_class=",
     "numba.config.DISABLE_JIT": None,
     "numba.config.CACHE_DIR": None,
+    "numba.config.CPU_FEATURES": None,
+    "numba.core.codegen.get_host_cpu_features": "",
+    "numba.core.codegen.JITCodeLibrary": "codegen name",
+    "numba.core.compiler.Compiler": "typingctx targetctx library args return_type flags locals",
     "numba.core.types.Type": "name=",
     "numba.core.types.float32": None,
     "numba.core.types.float64": None,
+    "numba.core.types.int64": None,
     "numba.core.types.intp": None,
     "numba.core.types.boolean": None,
     "numba.core.types.void": None,
@@ -49,20 +54,27 @@ CALLED = {
     "numba.core.base.BaseContext.cast": "self builder val fromty toty",
     "numba.core.base.BaseContext.get_dummy_value": "self",
     "numba.core.base.BaseContext.make_array": "self typ",
+    "numba.core.codegen.JITCodeLibrary._get_module_for_linking": "self",
+    "numba.core.codegen.JITCodeLibrary._raise_if_finalized": "self",
+    "numba.core.compiler.Compiler.compile_extra": "self func",
+    "numba.core.cpu.CPUContext.codegen": "self",
     "numba.core.dispatcher.Dispatcher.enable_caching": "self",
     **{
         f"llvmlite.ir.IRBuilder.{name}": f"self {arguments}"
         for name, arguments in {
-            **dict.fromkeys(("fadd", "fsub", "fmul", "fdiv"), "lhs rhs flags="),
+            **dict.fromkeys(("fadd", "fsub", "fmul", "fdiv"), "lhs rhs"),
             **dict.fromkeys(("add", "mul", "and_", "or_"), "lhs rhs"),
             **dict.fromkeys(
                 ("bitcast", "inttoptr", "ptrtoint", "sext", "trunc", "zext"), "value typ"
             ),
             **dict.fromkeys(("fcmp_ordered", "icmp_signed", "icmp_unsigned"), "cmpop lhs rhs"),
             "alloca": "typ",
+            "atomic_rmw": "op ptr val ordering",
+            "fneg": "arg",
+            "load_atomic": "ptr ordering align",
             "asm": "ftype asm constraint args side_effect",
             "call": "fn args",
-            "ctpop": "cond",
+            "cttz": "cond flag",
             "extract_element": "vector idx",
             "gep": "ptr indices",
             "insert_element": "vector value idx",

@@ -1,13 +1,18 @@
 """SimpleSim and the gravity heuristic against paths worked out by hand."""
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
+from pourcast.models import simple
 from pourcast.models.simple import SimpleSim
 from pourcast.scenes.goals.basins import Basins
 from pourcast.scenes.goals.cup import Cup
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene import Box, LiquidStart, Scene
+from tests import simple_oracle
+from tests.make import random_scenes
 
 TINY = 1e-4
 """Diameter of the liquid in these scenes [m]: all points fall at the same x."""
@@ -171,3 +176,28 @@ def test_same_seed_same_draws_and_other_points_do_not_matter():
     assert model.judge([one], WATER, 3) == model.judge([one], WATER, 3)
     twice = model.judge([one, one], WATER, 3)
     assert twice[0] == twice[1] == model.judge([one], WATER, 3)[0]
+
+
+@pytest.mark.parametrize(
+    "model",
+    [SimpleSim(g=0.0, m=0.0), SimpleSim(), SimpleSim(g=0.5, m=0.3), SimpleSim(g=1.0, m=0.02)],
+)
+def test_paths_are_those_of_plain_loops_to_the_bit(model):
+    for one in random_scenes(6, seed=3):
+        expected = simple_oracle.paths(model, one, 7, model.m)
+        assert [list(map(tuple, path)) for path in model.paths(one, 7)] == expected
+
+
+def test_points_that_are_followed_together_do_not_matter(monkeypatch):
+    model, (one,) = SimpleSim(g=0.5, n_points=50), random_scenes(1)
+    expected, judgment = [path.tolist() for path in model.paths(one)], model.judge([one], WATER)
+    monkeypatch.setattr(simple, "_TOGETHER", 7)
+    assert [path.tolist() for path in model.paths(one)] == expected
+    assert model.judge([one], WATER) == judgment
+
+
+def test_nothing_to_land_on():
+    class Target(Basins):
+        solids: ClassVar = ()
+
+    assert path(scene(goal=Target())) == [[0.4, 1.4], [0.4, 0.0]]

@@ -6,8 +6,8 @@ import threading
 import numpy as np
 import pytest
 
-from pourcast.engine import batch
 from pourcast.engine.batch import available_cores, run_batch
+from pourcast.engine.block import Block
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.errors import InputError, SimulationDivergedError
 from pourcast.scenes.liquids.base import Liquid
@@ -50,19 +50,19 @@ def test_a_step_that_is_too_long_is_reported_not_returned():
 
 
 def test_an_error_in_the_second_worker_is_told_before_the_first_has_done_the_rest(monkeypatch):
-    advance, workers, done = batch._advance, [], []
+    advance, workers, done = Block.advance, [], []
     both = threading.Barrier(2, timeout=60)
 
-    def fail_in_the_second(*arguments, **options):
+    def fail_in_the_second(*arguments):
         worker = threading.get_ident()
         if worker not in workers:
             workers.append(worker)
             both.wait()
         if worker == workers[1]:
             raise SimulationDivergedError("the second worker's")
-        advance(*arguments, **options)
+        advance(*arguments)
 
-    monkeypatch.setattr(batch, "_advance", fail_in_the_second)
+    monkeypatch.setattr(Block, "advance", fail_in_the_second)
     pours = [Pour(ramp_scene(), WATER, 5)] * 500
     with pytest.raises(SimulationDivergedError, match="the second worker's"):
         simulate(pours, threads=2, progress=lambda count, _: done.append(count))
@@ -144,8 +144,7 @@ def test_the_command_line_says_of_a_broken_pour_in_a_line_which_it_was(monkeypat
     def broken(*_, **__):
         raise SimulationDivergedError("scene 'ramp', 50 particles of 'water': diverged")
 
-    monkeypatch.setattr("pourcast.prediction.predict", broken)
-    monkeypatch.setattr("pourcast.predict", broken, raising=False)
+    monkeypatch.setattr("pourcast.prediction.judge_scenes", broken)
     status = cli.run(["predict", "examples/ramp.json", "-m", "ife"])
     assert status == 1
     assert capsys.readouterr().err == "pourcast: scene 'ramp', 50 particles of 'water': diverged\n"

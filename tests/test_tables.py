@@ -8,7 +8,7 @@ import pytest
 
 from pourcast.comparison.choice import read_choice
 from pourcast.errors import InputError
-from pourcast.prediction import predict
+from pourcast.prediction import predict, summarise
 from pourcast.sweep.judgments import read_judgments, study_judgments
 from pourcast.tables import read_table, write_table
 from tests.make import ramp_scene, random_scenes
@@ -27,6 +27,25 @@ def test_verbatim_is_what_stands_there(tmp_path):
     path.write_text("a,b\n1.50,\nNA,02\n")
     write_table(path, read_table(path, verbatim=True))
     assert path.read_text() == "a,b\n1.50,\nNA,02\n"
+
+
+def test_a_summary_is_over_the_scenes_in_any_order():
+    judged = {"gravity": [0.0, 0.2, 1.0], "truth-water": [0.9, 0.5, 0.1], "level": [0.5, 0.5, 0.5]}
+    table = pd.concat(
+        [pd.DataFrame({"scene": list("abc"), "model": m, "judgment": j}) for m, j in judged.items()]
+    )
+    summary = summarise(table.iloc[[8, 1, 5, 0, 2, 7, 4, 3, 6]])
+    assert set(summary.index) == set(judged)
+    assert list(summary.columns) == ["mean", "sd", "r with truth-water"]
+    expected = np.corrcoef(judged["gravity"], judged["truth-water"])[0, 1]
+    assert summary.loc["gravity"].tolist() == pytest.approx(
+        [0.4, np.std([0.0, 0.2, 1.0]), expected]
+    )
+    assert np.isnan(summary.loc["level", "r with truth-water"])
+    by_nobody = summarise(table, ["absent"])
+    assert by_nobody.index.tolist() == list(judged)
+    assert by_nobody["r with absent"].isna().all()
+    assert summarise(table[table["scene"] != "a"])["r with truth-water"].isna().all()
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, demo_scenes, make_model, simulate
-from pourcast.engine import batch, diagnostics, neighbours, rigid, sph
-from pourcast.engine.batch import Job, Stepping, run_batch
+from pourcast.engine import diagnostics, rigid, sph
+from pourcast.engine.batch import run_batch
+from pourcast.engine.block import Simulation, SingleLiquid
 from pourcast.engine.diagnostics import (
     GAINS_ENERGY,
     NOT_FINITE,
@@ -17,6 +18,7 @@ from pourcast.engine.diagnostics import (
     measure,
     measure_and_check,
 )
+from pourcast.engine.job import Job, Stepping
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.engine.simd import LANES
 from pourcast.engine.solids import BroadPhase, build_broad_phase
@@ -52,7 +54,7 @@ def with_speed(one: Job, particle: int, value: float, axis: int) -> Job:
 
 BACK_ENDS = {
     "lockstep": ("liquid", 20),
-    "neighbour list": ("liquid", 310),
+    "clusters": ("liquid", 310),
     "marbles": ("marbles", 20),
 }
 
@@ -214,20 +216,16 @@ def test_energy_is_what_plain_sums_say():
         assert found.energy[0] == pytest.approx(energy_of(case, case.position, velocity), rel=2e-5)
 
 
-def test_one_large_simulation_is_measured_as_the_same_in_lockstep():
+def test_a_single_simulation_is_measured_as_the_same_in_lockstep():
     one = with_speed(packed(310), 100, 3.0, 1)
     state, lanes = loaded_block([one], STEP)
     sph.find_density(state, lanes)
     lockstep = empty_diagnostics()
     measure(state, lanes, 0.0, 310, False, lockstep)
-    block = batch._new_block(310, large=True)
-    batch._write_start(block, 0, one, large=True)
-    batch.fill_lane(block.parameters, slice(None), one, STEP)
-    neighbours.find_density(block.state, block.parameters, 310)
-    large = empty_diagnostics()
-    measure(block.state, block.parameters, 0.0, 310, True, large)
+    single = SingleLiquid(310)
+    single.put([Simulation(0, one)], STEP)
     for name in ("squared_speed", "head", "energy", "outside"):
-        assert getattr(large, name) == pytest.approx(
+        assert getattr(single.diagnostics, name) == pytest.approx(
             np.full(LANES, getattr(lockstep, name)[0]), rel=1e-5
         ), name
 

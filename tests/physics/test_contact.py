@@ -5,7 +5,8 @@ import pytest
 import shapely
 
 from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN, collide_with_polygons, list_near
-from pourcast.engine.solids import BroadPhase, build_broad_phase, pack_solids, signed_distance
+from pourcast.engine.polygons import pack_solids
+from pourcast.engine.solids import BroadPhase, build_broad_phase, signed_distance
 from pourcast.engine.state import NEAR_EDGES, NEAR_POLYGONS
 from tests.make import job, loaded_block, random_scenes
 
@@ -107,7 +108,7 @@ def test_a_sphere_between_two_solids_that_leave_no_room_stays_where_it_was():
     state.position[:2, 0, 0] = 0.4895, 0.7
     state.previous[:, 0, 0] = 0.5, 0.701
     state.velocity[:, 0, 0] = -1.0, -1.0, 0.5
-    collide_with_polygons(state, lanes, solids, cells)
+    collide_with_polygons(state, lanes, solids, cells, 0, len(state.density))
     x, y = state.position[:2, 0, 0]
     assert 0.49 < x < 0.51
     assert state.touched[0, 0] == 1.0

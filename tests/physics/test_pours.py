@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from pourcast.engine import sph
+from pourcast.engine import block, sph
 from pourcast.engine.batch import _broad_phase_of
 from pourcast.scenes.goals.basins import Basins
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
@@ -133,16 +133,6 @@ def test_large_simulations_have_the_same_bits_on_any_number_of_threads(count):
     assert [o.position.tobytes() for o in one] == [o.position.tobytes() for o in two]
 
 
-def test_neighbour_list_and_all_pairs_tell_the_same_story(monkeypatch):
-    # Different order of sums, chaotic paths: the judgments agree, not the bits.
-    pours = [Pour(s, WATER, 150, 5.0) for s in random_scenes(6, seed=9)]
-    all_pairs = simulate(pours)
-    monkeypatch.setattr("pourcast.engine.neighbours.ALL_PAIRS_LIMIT", 100)
-    listed = simulate(pours)
-    gaps = [abs(a.judgment - b.judgment) for a, b in zip(all_pairs, listed, strict=True)]
-    assert np.mean(gaps) < 0.03
-
-
 @pytest.mark.parametrize("count", [1, 2, 15, 300, 2000])
 def test_any_number_of_particles_flows_to_the_floor(count):
     settings = EngineSettings(max_duration=1.2)
@@ -195,15 +185,13 @@ def test_the_early_end_does_not_change_judgments():
     early = simulate(
         [Pour(s, WATER, 30) for s in scenes], settings=EngineSettings(max_duration=6.0)
     )
-    from pourcast.engine import batch
-
-    margin, batch.HEAD_MARGIN = batch.HEAD_MARGIN, -1.0
+    margin, block.HEAD_MARGIN = block.HEAD_MARGIN, -1.0
     try:
         late = simulate(
             [Pour(s, WATER, 30) for s in scenes], settings=EngineSettings(max_duration=6.0)
         )
     finally:
-        batch.HEAD_MARGIN = margin
+        block.HEAD_MARGIN = margin
     settled = [k for k, outcome in enumerate(early) if outcome.settled]
     assert len(settled) > 20
     changed = [abs(early[k].judgment - late[k].judgment) for k in settled]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pourcast.engine.solids import pack_solids
+from pourcast.engine.polygons import pack_solids
 from tests.make import job, run_one
 
 STEP = 2e-4

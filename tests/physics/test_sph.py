@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.spatial import KDTree
 
-from pourcast.engine import density, momentum, neighbours, smoothing
-from pourcast.engine.batch import Job, Stepping, fill_lane, run_batch
-from pourcast.engine.state import empty_parameters, empty_state
+from pourcast.engine import smoothing
+from pourcast.engine.batch import run_batch
+from pourcast.engine.job import Job, Stepping
 from tests.make import (
     NO_SOLIDS,
     block,
@@ -63,36 +62,6 @@ def test_mirror_images_in_the_walls_agree_with_plain_loops():
         one = job(place, reference_density=2.0, ceiling=1.5, viscosity_alpha=0.1)
         expected = oracle_forces(one)
         assert forces_of(one)[0] == pytest.approx(expected, abs=2e-5 * np.abs(expected).max())
-
-
-def test_neighbour_list_agrees_with_all_pairs():
-    one = cloud(90, 5)
-    all_pairs, densities = forces_of(one)
-    state, lanes = empty_state(6), empty_parameters()
-    position, velocity = state.position.reshape(3, -1), state.velocity.reshape(3, -1)
-    position[:, :90], velocity[:, :90] = one.position.T, one.velocity.T
-    fill_lane(lanes, slice(None), one, 1e-4)
-    pairs = neighbours.list_pairs(position, 90, 1.2 * one.support_radius)
-    density.start_density(state, lanes)
-    neighbours.add_listed_density(state, lanes, pairs)
-    density.divide_by_rest_density(state, lanes)
-    momentum.start_forces(state, lanes)
-    neighbours.add_listed_forces(state, lanes, pairs)
-    assert state.density.reshape(-1)[:90] == pytest.approx(densities, rel=2e-6)
-    listed = state.acceleration.reshape(3, -1)[:, :90].T
-    assert listed == pytest.approx(all_pairs, abs=2e-5 * np.abs(all_pairs).max())
-
-
-def test_neighbour_list_holds_each_close_pair_once():
-    rng = np.random.default_rng(8)
-    position = rng.uniform(0, 1, (3, 500)).astype(np.float32)
-    pairs = neighbours.list_pairs(position, 500, 0.13)
-    later = np.repeat(pairs.order, np.diff(pairs.start))
-    partner = pairs.partner[: pairs.start[-1]]
-    listed = {frozenset(pair) for pair in zip(later.tolist(), partner.tolist(), strict=True)}
-    expected = {frozenset(pair) for pair in KDTree(position.T).query_pairs(0.13)}
-    assert len(partner) == len(listed)
-    assert listed == expected
 
 
 def test_pair_forces_conserve_linear_and_angular_momentum():

@@ -73,7 +73,7 @@ def test_words_about_the_code_make_nothing_stale(edit, name):
     ("name", "stale"),
     [
         ("engine/sph.py", POURS | {"convnet"}),  # that asks the engine for the number of cores
-        ("engine/solids.py", POURS | {"convnet", "simple"}),
+        ("engine/polygons.py", POURS | {"convnet", "simple"}),
         ("simulation/settings.py", POURS),
         ("networks/picture.py", {"convnet"}),
         ("networks/network.py", {"convnet"}),

@@ -5,7 +5,6 @@ Errors are one line on stderr.
 """
 
 import os
-import signal
 import sys
 
 import typer
@@ -22,6 +21,7 @@ from pourcast.cli import (
     sweep,
 )
 from pourcast.cli.app import app
+from pourcast.cli.interruption import INTERRUPTED, end_interrupted, watch_for_interruptions
 from pourcast.cli.terminal import InterruptedWorkError
 from pourcast.errors import (
     ClusterError,
@@ -46,17 +46,16 @@ __all__ = [
     "sweep",
 ]
 
-INTERRUPTED = 128 + signal.SIGINT
-
 _FAILURES = (ClusterError, ModelError, SimulationDivergedError, StoreError, TrainingError)
 """Errors whose message is one line that says what failed."""
 
 
 def main() -> None:
     """Run the command line; the entry point of `pourcast`."""
+    watch_for_interruptions()
     code = run(sys.argv[1:])
-    # All is said: a second Ctrl-C ends what Python still does, without a traceback.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if code == INTERRUPTED:
+        end_interrupted()
     sys.exit(code)
 
 

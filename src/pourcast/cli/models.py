@@ -14,7 +14,14 @@ from pourcast.cli.options import (
     ScenesArgument,
     SeedOption,
 )
-from pourcast.cli.terminal import print_json, print_table, progress_bar, records
+from pourcast.cli.terminal import (
+    print_columns,
+    print_json,
+    print_rows,
+    print_table,
+    progress_bar,
+    records,
+)
 
 
 class Plan(StrEnum):
@@ -63,32 +70,31 @@ def predict(
     """
     from pourcast.files import check_writable
     from pourcast.models.registry import make_model
-    from pourcast.prediction import predict as predict_scenes
-    from pourcast.prediction import summarise
+    from pourcast.prediction import by_model, judge_scenes, summary_columns, table_of
     from pourcast.study.folder import load_scenes, study_liquids
-    from pourcast.tables import check_table_path, write_table
 
     loaded, own = load_scenes(scenes), study_liquids(scenes)
     if out is not None:
+        from pourcast.tables import check_table_path, write_table  # loads pandas
+
         check_table_path(out)
         check_writable(out)
     with progress_bar() as report:
-        table = predict_scenes(loaded, model or ["water-ife"], liquid, seed, own=own, report=report)
+        said = judge_scenes(loaded, model or ["water-ife"], liquid, seed, own=own, report=report)
     if out is not None:
-        write_table(out, table)
+        write_table(out, table_of(said))
     if as_json:
-        print_json(records(table))
+        print_json([judgment._asdict() for judgment in said])
         return
     if len(loaded) <= 10:
-        wide = table.pivot(index="scene", columns="model", values="judgment")
-        print_table(wide[list(dict.fromkeys(table["model"]))])
+        print_columns({"scene": [scene.id for scene in loaded], **by_model(said)})
         typer.echo()
-    print_table(summarise(table))
+    print_columns(summary_columns(by_model(said)))
     for spec in dict.fromkeys(model or ()):
         if remark := make_model(spec, own).remark:
             typer.echo(f"note: {spec}: {remark}")
     if out is not None:
-        typer.echo(f"\n{out}: {len(table)} judgments")
+        typer.echo(f"\n{out}: {len(said)} judgments")
 
 
 @app.command()
@@ -150,8 +156,6 @@ def list_(as_json: JsonOption = False) -> None:
 
     Example: pourcast list
     """
-    import pandas as pd
-
     from pourcast.scenes.goals.registry import GOALS
     from pourcast.scenes.liquids.registry import LIQUIDS, known_liquids
     from pourcast.study.experiments.registry import EXPERIMENTS
@@ -184,8 +188,7 @@ def list_(as_json: JsonOption = False) -> None:
         print_json(tables)
         return
     for rows in tables.values():
-        frame = pd.DataFrame(rows)
-        print_table(frame.set_index(frame.columns[0]))
+        print_rows(rows)
         typer.echo()
     for problem in (broken_experiments | broken_goals | broken_liquids).values():
         typer.echo(f"note: {problem}")
@@ -197,22 +200,22 @@ def models(as_json: JsonOption = False) -> None:
 
     Example: pourcast models
     """
-    import pandas as pd
-
     from pourcast.models.registry import MODELS, parameter_table, presets
 
     if as_json:
         listed = {name: parameter_table(name) for name in MODELS.all()[0]}
         print_json({"presets": presets(), "models": listed})
         return
-    rows = {name: [entry["model"], entry["source"]] for name, entry in presets().items()}
-    frame = pd.DataFrame.from_dict(rows, orient="index", columns=["model", "what it is"])
-    frame.index.name = "preset"
-    print_table(frame)
+    print_rows(
+        [
+            {"preset": name, "model": entry["model"], "what it is": entry["source"]}
+            for name, entry in presets().items()
+        ]
+    )
     families, broken = MODELS.all()
     for name in families:
         typer.echo(f"\n{name}")
         if rows_of := parameter_table(name):
-            print_table(pd.DataFrame(rows_of).set_index("parameter"))
+            print_rows(rows_of)
     for problem in broken.values():
         typer.echo(f"\nnote: {problem}")

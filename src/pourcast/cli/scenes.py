@@ -142,9 +142,8 @@ def show(
     chosen = pick_scene(load_scenes(scenes), scene, scenes)
     with progress_bar() as report:
         predictions = show_scene(
-            chosen, out, model or [], liquid, seed, own=study_liquids(scenes),
-            progress=lambda done, total: report("drawing", done, total),
-        )  # fmt: skip
+            chosen, out, model or [], liquid, seed, own=study_liquids(scenes), report=report
+        )
     for one in predictions:
         typer.echo(f"{one.name}: J = {one.judgment:.2f}")
     typer.echo(f"{out}: {chosen.id}")

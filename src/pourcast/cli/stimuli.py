@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pourcast.cli.app import app
+from pourcast.cli.interruption import end_in_own_time
 from pourcast.cli.options import (
     ClusterOption,
     ExecutorName,
@@ -17,7 +18,7 @@ from pourcast.cli.options import (
     complete_liquid,
     pixels,
 )
-from pourcast.cli.terminal import print_json, progress_bar
+from pourcast.cli.terminal import print_json, progress_bar, resumable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,7 +111,7 @@ def stimuli(
             "denoise": denoise,
         },
     )
-    with progress_bar() as report:
+    with resumable(study / "stimuli"), progress_bar() as report:
         made, sheet = film_study(
             study,
             settings,
@@ -140,5 +141,6 @@ def _opener(
 
     if executor is ExecutorName.LOCAL:
         return None
+    end_in_own_time()
     options = read_cluster(cluster) if cluster else ClusterOptions()
     return partial(make_executor, executor.value, workers, study / "stimuli", scheduler, options)

@@ -8,11 +8,12 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pourcast.cli.app import app
+from pourcast.cli.interruption import end_in_own_time, said_if_interrupted
 from pourcast.cli.options import (
     ClusterOption,
     ExecutorName,
@@ -23,17 +24,17 @@ from pourcast.cli.options import (
 )
 from pourcast.cli.terminal import (
     InterruptedWorkError,
-    bar_on_stderr,
-    line_now_and_then,
     print_json,
     print_table,
     progress_bar,
+    told_on_stderr,
 )
 from pourcast.errors import InputError
+from pourcast.progress import duration_in_words
 
 if TYPE_CHECKING:
     from pourcast.sweep.plan import Plan
-    from pourcast.sweep.run import SweepProgress, SweepResult
+    from pourcast.sweep.run import SweepProgress, SweepReport, SweepResult
     from pourcast.sweep.status import Status
     from pourcast.sweep.store import Store
 
@@ -137,32 +138,28 @@ def _run(
     from pourcast.sweep.survey import survey
 
     options = read_cluster(cluster) if cluster else ClusterOptions()
+    if kind != ExecutorName.LOCAL:
+        end_in_own_time()
     # A job that is cancelled or preempted ends like one that is interrupted by hand.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
     opened = partial(make_executor, kind, workers, store.folder, scheduler, options)
+    rest = "the same command goes on from there"
     try:
-        with _sweep_bar() as report:
+        with said_if_interrupted(f"interrupted; {rest}"), _sweep_bar() as report:
             return run_sweep(plan, store, opened, attempts=attempts, report=report)
     except KeyboardInterrupt:
         left = len(survey(plan, store).left)
         done = len(plan.shards) - left
         raise InterruptedWorkError(
-            f"interrupted: {done} of {len(plan.shards)} shards are done; "
-            "the same command goes on from there"
+            f"interrupted: {done} of {len(plan.shards)} shards are done; {rest}"
         ) from None
 
 
 @contextmanager
-def _sweep_bar() -> Iterator[Any]:
-    """Progress of a sweep on stderr: a bar, or a line a minute where there is no terminal."""
-    from rich.progress import BarColumn, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
-
-    columns = (TextColumn("{task.description}"), BarColumn(), Remaining(elapsed_when_finished=True))
+def _sweep_bar() -> Iterator["SweepReport"]:
+    """Progress of a sweep; the time left goes by the work in it, as simulations are unlike."""
     begin = time.monotonic()
-    with bar_on_stderr(*columns) as bar:
-        task = bar.add_task("starting", total=None)
-        say = line_now_and_then(bar)
+    with told_on_stderr() as tell:
 
         def report(now: "SweepProgress") -> None:
             rate = now.simulations / max(1e-9, time.monotonic() - begin)
@@ -171,24 +168,9 @@ def _sweep_bar() -> Iterator[Any]:
                 f"{now.all_simulations} simulations, {rate:.0f}/s"
             )
             words += f", {now.failed} failed tries" if now.failed else ""
-            bar.update(task, description=words, completed=now.seconds, total=now.all_seconds)
-            say(f"{words}; {_time_left(now, time.monotonic() - begin)} left")
+            tell(words, now.seconds, now.all_seconds)
 
         yield report
-
-
-def _time_left(now: "SweepProgress", elapsed: float) -> str:
-    if now.seconds <= 0.0:
-        return "an unknown time"
-    return _duration(elapsed * (now.all_seconds - now.seconds) / now.seconds)
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    if seconds < 5400:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"
 
 
 def _print_result(
@@ -273,8 +255,8 @@ def _print_estimate(plan: "Plan", store: "Store", workers: int | None, *, as_jso
         f"in {rest.shards} shards"
     )
     typer.echo(
-        f"about {_duration(60 * rest.minutes)} with {rest.workers} workers like this machine's "
-        f"cores (measured on {rest.parts['run'].sum()} simulations); about "
+        f"about {duration_in_words(60 * rest.minutes)} with {rest.workers} workers like this "
+        f"machine's cores (measured on {rest.parts['run'].sum()} simulations); about "
         f"{decimal(rest.bytes)} on disk"
     )
 
@@ -282,10 +264,11 @@ def _print_estimate(plan: "Plan", store: "Store", workers: int | None, *, as_jso
 def _run_part(plan: "Plan", store: "Store", shard: str) -> None:
     from pourcast.sweep.run import parse_part, run_part
 
-    bad = False
-    for result in run_part(plan, store, *parse_part(shard, len(plan.shards))):
-        bad |= result.outcome not in ("done", "busy")
-        typer.echo(f"shard {result.task}: {result.outcome} {result.message}".rstrip(), err=True)
+    bad, part = False, parse_part(shard, len(plan.shards))
+    with _sweep_bar() as report:
+        for result in run_part(plan, store, *part, report):
+            bad |= result.outcome not in ("done", "busy")
+            typer.echo(f"shard {result.task}: {result.outcome} {result.message}".rstrip(), err=True)
     if bad:
         raise typer.Exit(1)
 

@@ -1,16 +1,34 @@
 """What the commands print: progress, tables, JSON."""
 
 import json
+import os
+import sys
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import typer
 
-LOG_EVERY = 60.0
-"""Where there is no terminal, a line of progress is printed as often [s]."""
+from pourcast.cli.interruption import said_if_interrupted
+from pourcast.progress import Report, TimeLeft, duration_in_words
+
+FIRST_BAR = 1.0
+"""Work that takes longer shows a bar on a terminal [s] ..."""
+
+FIRST_LINE = 5.0
+"""... and prints a line where there is none [s], ..."""
+
+LONGEST_PAUSE = 60.0
+"""... then again after twice the time, but after so long at the latest [s]."""
+
+_REDRAWN = 0.25
+"""How often the bar is drawn [s]."""
+
+Tell = Callable[[str, float, float], None]
+"""Called with words, and how much is done and how much there is, in any unit."""
 
 
 class InterruptedWorkError(Exception):
@@ -20,75 +38,121 @@ class InterruptedWorkError(Exception):
 @contextmanager
 def resumable(folder: Path) -> Iterator[None]:
     """Long work in a folder that the same command goes on with after Ctrl-C; says so."""
+    words = f"interrupted: what is done lies in {folder}; the same command goes on from there"
     try:
-        yield
+        with said_if_interrupted(words):
+            yield
     except KeyboardInterrupt:
-        raise InterruptedWorkError(
-            f"interrupted: what is done lies in {folder}; the same command goes on from there"
-        ) from None
+        raise InterruptedWorkError(words) from None
 
 
-def line_now_and_then(bar: Any) -> Callable[[str], None]:
-    """What prints a line on stderr where there is no terminal for a bar, each `LOG_EVERY`."""
-    said = time.monotonic()
+class _Work:
+    """How far some work is, in words."""
 
-    def say(line: str) -> None:
-        nonlocal said
-        if bar.disable and time.monotonic() - said > LOG_EVERY:
-            said = time.monotonic()
-            typer.echo(line, err=True)
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._begin = time.monotonic()
+        self._left = TimeLeft()
+        self._now: tuple[str, float, float] = "starting", 0.0, 0.0
 
-    return say
+    def tell(self, words: str, done: float, total: float) -> None:
+        """Take in how far it is; called from any thread, as often as anybody likes."""
+        with self._lock:
+            self._now = words, done, total
+            self._left.see(time.monotonic(), done, total)
 
-
-@contextmanager
-def bar_on_stderr(*columns: Any) -> Iterator[Any]:
-    """A rich progress bar on stderr; `disable` is set on it if that is no terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        yield bar
+    def line(self) -> tuple[str, float, float]:
+        """One line, and how much is done and how much there is."""
+        with self._lock:
+            (words, done, total), now = self._now, time.monotonic()
+            left = self._left.seconds(now)
+        if left is None:
+            return f"{words}, {duration_in_words(now - self._begin)} so far", done, total
+        return f"{words}, {duration_in_words(left)} left", done, total
 
 
 @contextmanager
-def progress_bar() -> Iterator[Any]:
-    """Progress on stderr: a bar, or a line a minute where there is no terminal.
+def told_on_stderr() -> Iterator[Tell]:
+    """Progress of long work on stderr: a bar, or a line now and then where there is no terminal.
 
-    Yields report(what, done, all).
+    A thread writes it, so that it goes on while a long piece of work has nothing to tell. Short
+    work writes nothing, and waits for nothing.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
+    work, ended = _Work(), threading.Event()
+    terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+    write = _draw_bar if terminal else _print_lines
+    thread = threading.Thread(target=write, args=(work, ended), daemon=True)
+    thread.start()
+    try:
+        yield work.tell
+    finally:
+        ended.set()
+        thread.join()
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
-    with bar_on_stderr(*columns) as bar:
-        task = bar.add_task("starting", total=None)
-        say = line_now_and_then(bar)
 
-        def report(what: str, done: int, total: int) -> None:
-            bar.update(task, description=what, completed=done, total=total)
-            say(f"{what}: {done} of {total}")
+def _print_lines(work: _Work, ended: threading.Event) -> None:
+    pause = FIRST_LINE
+    while not ended.wait(pause):
+        try:
+            typer.echo(work.line()[0], err=True)
+        except (OSError, ValueError):  # nobody reads it: no reason to end the work
+            return
+        pause = min(2 * pause, LONGEST_PAUSE)
 
-        yield report
+
+def _draw_bar(work: _Work, ended: threading.Event) -> None:
+    if ended.wait(FIRST_BAR):
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, auto_refresh=False) as bar:
+        task = bar.add_task("", total=None)
+        while True:
+            line, done, total = work.line()
+            bar.update(task, description=line, completed=done, total=total or None)
+            bar.refresh()
+            if ended.wait(_REDRAWN):
+                return
+
+
+@contextmanager
+def progress_bar() -> Iterator[Report]:
+    """Progress of work that is counted; see `told_on_stderr`."""
+    with told_on_stderr() as tell:
+        yield lambda what, done, total: tell(f"{what}: {done} of {total}", done, total)
 
 
 def print_table(frame: Any, *, decimals: int = 2) -> None:
-    """Print a small table with rich, its index first."""
+    """Print a small table of pandas, its index first."""
+    labels = {str(frame.index.name or ""): frame.index.tolist()}
+    values = {str(name): frame[name].tolist() for name in frame.columns}
+    print_columns(labels | values, decimals=decimals)
+
+
+def print_rows(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print a small table from its rows, all with the same names of columns."""
+    print_columns({name: [row[name] for row in rows] for name in rows[0]})
+
+
+def print_columns(columns: Mapping[str, Sequence[Any]], *, decimals: int = 2) -> None:
+    """Print a small table with rich from its columns, of which the first names the rows."""
     from rich.console import Console
     from rich.table import Table
 
+    first, *others = columns
     table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column(str(frame.index.name or ""))
-    for name in frame.columns:
-        numeric = frame[name].dtype.kind in "fiu"
-        table.add_column(str(name), justify="right" if numeric else "left", overflow="fold")
-    for label, *row in frame.itertuples(name=None):
+    table.add_column(first)
+    for name in others:
+        numeric = {type(value) for value in columns[name]} <= {int, float}
+        table.add_column(name, justify="right" if numeric else "left", overflow="fold")
+    for label, *row in zip(*columns.values(), strict=True):
         cells = [f"{v:.{decimals}f}" if isinstance(v, float) else str(v) for v in row]
         table.add_row(str(label), *("-" if cell == "nan" else cell for cell in cells))
-    Console().print(table)
+    # A unit such as [m2/s] is no markup.
+    Console(markup=False, emoji=False).print(table)
 
 
 def print_json(content: Any) -> None:

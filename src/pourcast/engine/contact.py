@@ -15,7 +15,18 @@ from typing import Any
 import numpy as np
 
 from pourcast.engine.compile import kernel
-from pourcast.engine.simd import LANES, any_less, load, maximum, minimum, splat, store, where_less
+from pourcast.engine.simd import (
+    LANES,
+    any_less,
+    fma,
+    fnma,
+    load,
+    maximum,
+    minimum,
+    splat,
+    store,
+    where_less,
+)
 from pourcast.engine.simd import sqrt as vector_sqrt
 from pourcast.engine.solids import cell_of, edge_gap
 from pourcast.engine.state import NEAR_EDGES, NEAR_POLYGONS
@@ -36,7 +47,9 @@ _FAR = 1e6
 
 
 @kernel
-def collide_with_polygons(state: Any, parameters: Any, solids: Any, broad_phase: Any) -> None:
+def collide_with_polygons(
+    state: Any, parameters: Any, solids: Any, broad_phase: Any, begin: int, end: int
+) -> None:
     """Push spheres out of polygons, stop their motion into them, let them stick.
 
     Parameters
@@ -44,14 +57,16 @@ def collide_with_polygons(state: Any, parameters: Any, solids: Any, broad_phase:
     state
         Positions, velocities, last positions, contact flags and lists; changed in place.
     parameters
-        Parameters of the 16 lanes.
+        Parameters of the lanes.
     solids, broad_phase
         The polygons and the broad phase.
+    begin, end
+        Rows ``begin:end`` are looked at.
     """
-    for row in range(state.density.shape[0]):
+    for row in range(begin, end):
         dx = load(state.position[0], row) - load(state.listed_at[0], row)
         dy = load(state.position[1], row) - load(state.listed_at[1], row)
-        if any_less(load(state.squared_slack, row), dx * dx + dy * dy):
+        if any_less(load(state.squared_slack, row), fma(dx, dx, dy * dy)):
             _renew_lists(state, parameters, solids, broad_phase, row)
         if state.most_near[row] > 0:
             _collide_row(state, parameters, row, state.most_near[row])
@@ -81,7 +96,7 @@ def list_near(
     state
         The spheres and their lists; changed in place.
     parameters
-        Parameters of the 16 lanes.
+        Parameters of the lanes.
     solids, broad_phase
         The polygons and the broad phase.
     row, lane
@@ -193,14 +208,14 @@ def _gap(state: Any, row: int, slot: int, x: Any, y: Any) -> Any:
         normal_y = load(state.near_edges[edge, 3], row)
         from_x = x - load(state.near_edges[edge, 0], row)
         from_y = y - load(state.near_edges[edge, 1], row)
-        along = from_y * normal_x - from_x * normal_y
+        along = fnma(from_x, normal_y, from_y * normal_x)
         along = minimum(maximum(along, zero), load(state.near_edges[edge, 4], row))
-        to_x, to_y = from_x + along * normal_y, from_y - along * normal_x
-        squared = to_x * to_x + to_y * to_y
+        to_x, to_y = fma(along, normal_y, from_x), fnma(along, normal_x, from_y)
+        squared = fma(to_x, to_x, to_y * to_y)
         gap_x = where_less(squared, nearest, to_x, gap_x)
         gap_y = where_less(squared, nearest, to_y, gap_y)
         nearest = minimum(squared, nearest)
-        highest = maximum(highest, from_x * normal_x + from_y * normal_y)
+        highest = maximum(highest, fma(from_x, normal_x, from_y * normal_y))
     side = where_less(highest, zero, zero - one, one)
     distance = vector_sqrt(nearest)
     scale = side / maximum(distance, splat(1e-9))
@@ -235,14 +250,14 @@ def _collide_row(state: Any, parameters: Any, row: int, slot_count: int) -> None
             distance, normal_x, normal_y = _gap(state, row, slot, x, y)
             depth = maximum(radius - distance, zero) * active
             deepest = maximum(deepest, depth)
-            x, y = x + depth * normal_x, y + depth * normal_y
-            out, along = u * normal_x + v * normal_y, v * normal_x - u * normal_y
+            x, y = fma(depth, normal_x, x), fma(depth, normal_y, y)
+            out, along = fma(u, normal_x, v * normal_y), fnma(u, normal_y, v * normal_x)
             kept = where_less(zero, depth, maximum(out, zero), out)
             kept = kept * where_less(distance, touch, keep_normal, one)
             share = where_less(distance, touch, keep_tangential, one)
             change, change_along = kept - out, along * share - along
-            u = u + change * normal_x - change_along * normal_y
-            v = v + change * normal_y + change_along * normal_x
+            u = fnma(change_along, normal_y, fma(change, normal_x, u))
+            v = fma(change_along, normal_x, fma(change, normal_y, v))
             w = w * share
             is_obstacle = load(state.near_is_obstacle[slot], row)
             touched = where_less(distance, touch, maximum(touched, is_obstacle), touched)
@@ -270,8 +285,8 @@ def _collide_row(state: Any, parameters: Any, row: int, slot_count: int) -> None
 
 
 @kernel
-def collide_with_box(state: Any, parameters: Any) -> None:
-    """Keep spheres inside the box; side walls and floor are sticky, front and back are not.
+def collide_with_box(state: Any, parameters: Any, begin: int, end: int) -> None:
+    """Keep spheres of rows ``begin:end`` inside the box, of which side walls and floor are sticky.
 
     The front and back panes are the plane of the picture rather than things in
     the scene: a liquid that stuck to them would never leave its start.
@@ -286,7 +301,7 @@ def collide_with_box(state: Any, parameters: Any) -> None:
     back = load(parameters.depth, 0) - radius
     width = load(parameters.width, 0)
     zero, one = splat(0.0), splat(1.0)
-    for row in range(state.position.shape[1]):
+    for row in range(begin, end):
         x, y = load(state.position[0], row), load(state.position[1], row)
         z = load(state.position[2], row)
         u, v = load(state.velocity[0], row), load(state.velocity[1], row)

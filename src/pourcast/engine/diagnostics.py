@@ -57,7 +57,7 @@ SOUND, NOT_FINITE, OUTSIDE, TOO_FAST, GAINS_ENERGY = range(5)
 
 
 class Diagnostics(NamedTuple):
-    """Of each lane, shape [16] each. Of one large simulation, the same in all of them."""
+    """Of each lane, shape [LANES] each. Of one large simulation, the same in all of them."""
 
     squared_speed: NDArray[np.float32]
     """Of the fastest particle [m^2/s^2]."""

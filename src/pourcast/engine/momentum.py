@@ -3,42 +3,33 @@
 Monaghan (1992), Annu. Rev. Astron. Astrophys. 30, eq. 3.3:
 
     dv_i/dt = - sum_j m (p_i / rho_i^2 + p_j / rho_j^2 + Pi_ij) grad W_ij
+
+The sum is taken in the order of the particles' numbers, as that for the density.
 """
 
 from typing import Any
 
 from pourcast.engine.compile import kernel
 from pourcast.engine.equation_of_state import pressure_term
-from pourcast.engine.simd import load, splat, store
-from pourcast.engine.smoothing import gradient, one_minus_q_of
+from pourcast.engine.simd import fma, fnma, load, splat, store
+from pourcast.engine.smoothing import dot, gradient, one_minus_q_of
 from pourcast.engine.viscosity import approach_rate
-from pourcast.engine.walls import image_push
+from pourcast.engine.walls import wall_push
 
 
 @kernel
 def start_forces(state: Any, parameters: Any) -> None:
     """Pressure of each particle, and the walls' part of its acceleration."""
     zero = splat(0.0)
-    inverse_support, factor = (
-        load(parameters.inverse_support, 0),
-        load(parameters.pressure_factor, 0),
-    )
-    width, depth, ceiling = (
-        load(parameters.width, 0),
-        load(parameters.depth, 0),
-        load(parameters.ceiling, 0),
-    )
     for row in range(state.density.shape[0]):
         pressure = pressure_term(load(state.density, row), zero)
         store(state.pressure, row, pressure)
         x, y = load(state.position[0], row), load(state.position[1], row)
         z = load(state.position[2], row)
-        push_x = image_push(pressure, x, width - x, inverse_support, zero)
-        push_y = image_push(pressure, y, ceiling - y, inverse_support, zero)
-        push_z = image_push(pressure, z, depth - z, inverse_support, zero)
-        store(state.acceleration[0], row, factor * push_x)
-        store(state.acceleration[1], row, factor * push_y)
-        store(state.acceleration[2], row, factor * push_z)
+        push_x, push_y, push_z = wall_push(pressure, x, y, z, parameters)
+        store(state.acceleration[0], row, push_x)
+        store(state.acceleration[1], row, push_y)
+        store(state.acceleration[2], row, push_z)
 
 
 @kernel
@@ -51,15 +42,16 @@ def pair_push(
     From that vector, the relative velocity and the sums of the two densities and pressures.
     """
     zero = splat(0.0)
-    r2 = dx * dx + dy * dy + dz * dz
-    friction = approach_rate(du * dx + dv * dy + dw * dz, r2, densities, separation_floor, zero)
-    push = pressure_factor * pressures - viscosity_factor * friction
+    r2 = dot(dx, dy, dz, dx, dy, dz)
+    approach = dot(du, dv, dw, dx, dy, dz)
+    friction = approach_rate(approach, r2, densities, separation_floor, zero)
+    push = fnma(viscosity_factor, friction, pressure_factor * pressures)
     return push * gradient(one_minus_q_of(r2, inverse_support, zero))
 
 
 @kernel
 def add_pair_forces(state: Any, parameters: Any) -> None:
-    """Pressure and artificial viscosity over all pairs of 16 simulations in lockstep."""
+    """Pressure and artificial viscosity over all pairs of simulations in lockstep."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     u, v, w = state.velocity[0], state.velocity[1], state.velocity[2]
     ax, ay, az = state.acceleration[0], state.acceleration[1], state.acceleration[2]
@@ -81,11 +73,10 @@ def add_pair_forces(state: Any, parameters: Any) -> None:
                 density_i + load(density, j), pressure_i + load(pressure, j),
                 inverse_support, pressure_factor, viscosity_factor, separation_floor,
             )  # fmt: skip
-            fx, fy, fz = push * dx, push * dy, push * dz
-            axi, ayi, azi = axi + fx, ayi + fy, azi + fz
-            store(ax, j, load(ax, j) - fx)
-            store(ay, j, load(ay, j) - fy)
-            store(az, j, load(az, j) - fz)
+            axi, ayi, azi = fma(push, dx, axi), fma(push, dy, ayi), fma(push, dz, azi)
+            store(ax, j, fnma(push, dx, load(ax, j)))
+            store(ay, j, fnma(push, dy, load(ay, j)))
+            store(az, j, fnma(push, dz, load(az, j)))
         store(ax, i, axi)
         store(ay, i, ayi)
         store(az, i, azi)

@@ -9,10 +9,13 @@ counts as rest density is taken from the packing itself.
 """
 
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 SUPPORT_IN_SPACINGS = 2.3
 """Support radius of the kernel over the particle spacing."""
@@ -63,7 +66,7 @@ def unit_cylinder_packing(count: int, aspect: float) -> NDArray[np.float64]:
     )
     centres = samples[rng.choice(sample_count, count, replace=False)]
     for _ in range(_LLOYD_ITERATIONS):
-        owner = KDTree(centres).query(samples)[1]
+        owner = _tree(centres).query(samples)[1]
         owned = np.bincount(owner, minlength=count)
         sums = np.stack([np.bincount(owner, samples[:, k], count) for k in range(3)], axis=1)
         centres = sums / np.maximum(owned, 1)[:, None]
@@ -77,7 +80,7 @@ def unit_cylinder_packing(count: int, aspect: float) -> NDArray[np.float64]:
 def _push(position: NDArray[np.float64], aspect: float, spacing: float) -> NDArray[np.float64]:
     """Displacements that part close pairs, and move particles off the surface of the cylinder."""
     reach = _PUSH_REACH * spacing
-    pairs = KDTree(position).query_pairs(reach, output_type="ndarray")
+    pairs = _tree(position).query_pairs(reach, output_type="ndarray")
     apart = position[pairs[:, 0]] - position[pairs[:, 1]]
     apart *= _weight(np.linalg.norm(apart, axis=1), reach)[:, None]
     push = np.zeros_like(position)
@@ -157,7 +160,7 @@ def reference_density(position: NDArray[np.float32], support_radius: float, dept
     """
     position = position.astype(np.float64)
     sums = np.ones(len(position))
-    pairs = KDTree(position).query_pairs(support_radius, output_type="ndarray")
+    pairs = _tree(position).query_pairs(support_radius, output_type="ndarray")
     gaps = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     near = 1.0 - gaps / support_radius
     shares = near**4 * (5.0 - 4.0 * near)
@@ -167,3 +170,10 @@ def reference_density(position: NDArray[np.float32], support_radius: float, dept
     near = np.maximum(1.0 - wall_gap / support_radius, 0.0)
     sums += near**4 * (5.0 - 4.0 * near)
     return float(sums.max())
+
+
+def _tree(points: NDArray[np.floating[Any]]) -> "KDTree":
+    """A tree of points in space; SciPy is loaded for it, and not for the spacing alone."""
+    from scipy.spatial import KDTree  # noqa: PLC0415
+
+    return KDTree(points)

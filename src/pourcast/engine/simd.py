@@ -1,14 +1,18 @@
-"""A vector of 16 float32 values for kernels: `load`, `store`, arithmetic, selection.
+"""A vector of float32 values for kernels: `load`, `store`, arithmetic, selection.
 
 Numba's automatic vectoriser is easily defeated (aliasing checks, loops that
 are unrolled too early), and whether it fires decides a factor of five. Here
-the vector is a type of its own, lowered to LLVM's ``<16 x float>``: what a
-kernel writes is what the machine runs, one instruction per operator with
-AVX-512, two with AVX2, four with SSE or NEON. The operators carry LLVM's
-``contract`` flag (a product and a sum may be fused) and no other.
+the vector is a type of its own, lowered to LLVM's ``<LANES x float>``: what a
+kernel writes is what the machine runs, one instruction per operator. A vector
+is as wide as the machine's registers: twice as wide ones are cut in two, and
+what a loop over pairs needs is then more than the registers hold.
 
-With `NUMBA_DISABLE_JIT=1` the same functions work on NumPy rows of 16, so
-that kernels can be stepped through and measured for coverage.
+The operators carry none of LLVM's flags: a product and a sum are fused where a
+kernel says `fma`, and nowhere else. So a result doesn't depend on the width of
+the vector, on the kernel that it is computed in, or on the compiler.
+
+With `NUMBA_DISABLE_JIT=1` the same functions work on NumPy rows, so that
+kernels can be stepped through and measured for coverage.
 """
 
 import operator
@@ -20,6 +24,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
+from numba.core.codegen import get_host_cpu_features
 from numba.core.datamodel import PrimitiveModel, register_default
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
@@ -27,21 +32,41 @@ from numba.extending import intrinsic
 
 from pourcast.engine.compile import kernel
 
-LANES = 16
-"""Values in a vector; the last axis of every state array."""
+
+def _machine_features() -> set[str]:
+    """Features of the processor that Numba compiles for, such as ``avx2``; LLVM's names."""
+    listed = numba.config.CPU_FEATURES
+    text = get_host_cpu_features() if listed is None else listed
+    return {name[1:] for name in text.split(",") if name.startswith("+")}
+
+
+def _machine_lanes(features: set[str]) -> int:
+    if "avx512f" in features:
+        return 16
+    return 8 if "avx" in features else 4
+
+
+_FEATURES = _machine_features()
+
+LANES = _machine_lanes(_FEATURES)
+"""Values in a vector, by the machine: 16 with AVX-512, 8 with AVX, else 4 (SSE, NEON). The last
+axis of every state array."""
+
+_FUSES = "fma" in _FEATURES or platform.machine() in ("aarch64", "arm64")
+"""Whether the machine adds a product in one instruction; without, LLVM calls a slow function."""
 
 _VECTOR = ir.VectorType(ir.FloatType(), LANES)
 _INDEX = ir.IntType(32)
 _INDICES = ir.VectorType(_INDEX, LANES)
+_MASK = ir.VectorType(ir.IntType(1), LANES)
 _FLOAT_SIZE = 4
 _ALIGNMENT = ir.Constant(_INDEX, _FLOAT_SIZE)
-_CONTRACT = ("contract",)
 _MXCSR_FTZ_DAZ = 0x8040
 _FPCR_FZ = 1 << 24
 
 
 class VectorType(types.Type):
-    """Numba's type for 16 float32 values in one register."""
+    """Numba's type for `LANES` float32 values in one register."""
 
     def __init__(self) -> None:
         super().__init__(name=f"float32x{LANES}")
@@ -82,7 +107,7 @@ def _register_operator(python_operator: Callable[..., Any], instruction: str) ->
             _as_vector(context, builder, value, value_type)
             for value, value_type in zip(args, sig.args, strict=True)
         ]
-        return getattr(builder, instruction)(*operands, flags=_CONTRACT)
+        return getattr(builder, instruction)(*operands)
 
     for case in cases:
         lower_builtin(python_operator, *case.args)(lower)
@@ -105,7 +130,7 @@ def _row_pointer(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 def _pointer_at(
     context: Any, builder: Any, array_type: Any, array: Any, index: Any, content: Any = _VECTOR
 ) -> Any:
-    """Pointer to 16 values of a C-contiguous array from an index on."""
+    """Pointer to `LANES` values of a C-contiguous array from an index on."""
     data = context.make_array(array_type)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), content.as_pointer())
 
@@ -147,6 +172,27 @@ def _llvm_math(name: str) -> Callable[[Any, Any, Any, Any], Any]:
     return generate
 
 
+def _fused(a: Any, b: Any, c: Any, *, negated: bool) -> Any:
+    """Signature and code generator of `fma`, of `fnma` if the product is subtracted."""
+    kind = vector if vector in (a, b, c) else types.float64
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        a, b, c = (
+            _as_vector(context, builder, value, value_type)
+            if kind == vector
+            else context.cast(builder, value, value_type, kind)
+            for value, value_type in zip(args, sig.args, strict=True)
+        )
+        a = builder.fneg(a) if negated else a
+        if not _FUSES:
+            return builder.fadd(builder.fmul(a, b), c)
+        name = f"v{LANES}f32" if kind == vector else "f64"
+        function = _intrinsic_function(builder, f"llvm.fma.{name}", a.type, [a.type] * 3)
+        return builder.call(function, (a, b, c))
+
+    return kind(a, b, c), generate
+
+
 def _second_if(comparison: str) -> Callable[[Any, Any, Any, Any], Any]:
     """Code generator that takes the second of two vectors where it compares so to the first.
 
@@ -163,7 +209,7 @@ def _second_if(comparison: str) -> Callable[[Any, Any, Any, Any], Any]:
 if numba.config.DISABLE_JIT:
 
     def load(array: Any, row: int) -> Any:
-        """Row `row` of a C-contiguous float32 array, seen as rows of 16 values."""
+        """Row `row` of a C-contiguous float32 array, seen as rows of `LANES` values."""
         return array.reshape(-1, LANES)[row].copy()
 
     def store(array: Any, row: int, value: Any) -> None:
@@ -171,12 +217,21 @@ if numba.config.DISABLE_JIT:
         array.reshape(-1, LANES)[row] = value
 
     def splat(value: float) -> Any:
-        """The same value in all 16 lanes."""
+        """The same value in all lanes."""
         return np.full(LANES, value, dtype=np.float32)
 
     def sqrt(value: Any) -> Any:
         """Square root, lane by lane."""
         return np.sqrt(value)
+
+    def fma(a: Any, b: Any, c: Any) -> Any:
+        """``a * b + c``, rounded once; of vectors, numbers or both."""
+        exact = np.asarray(a, np.float64) * b + c
+        return exact.astype(np.float32) if exact.shape else float(exact)
+
+    def fnma(a: Any, b: Any, c: Any) -> Any:
+        """``c - a * b``, rounded once; of vectors, numbers or both."""
+        return fma(-a, b, c)
 
     def minimum(a: Any, b: Any) -> Any:
         """`b` in the lanes where it is smaller, else `a`: what is no number in `a` stays."""
@@ -194,49 +249,49 @@ if numba.config.DISABLE_JIT:
         """Whether a < b in any lane."""
         return bool(np.any(a < b))
 
+    def bits_less(a: Any, b: Any) -> int:
+        """An integer whose bits, from the lowest on, say in which lanes a < b."""
+        return sum(1 << int(lane) for lane in np.flatnonzero(a < b))
+
+    def lowest_bit(bits: int) -> int:
+        """Place of the lowest bit of a positive integer that is 1."""
+        return (int(bits) & -int(bits)).bit_length() - 1
+
     def _set_flush_mode() -> None:
         """NumPy's mode is not ours to set."""
 
     def load_from(array: Any, first: int) -> Any:
-        """The 16 values of a float32 array from index `first` on."""
+        """The `LANES` values of a float32 array from index `first` on."""
         return array[first : first + LANES].copy()
 
-    def append_less(
-        a: Any, b: Any, source: Any, first: int, count: int, target: Any, index: int
-    ) -> int:
-        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `index` on.
-
-        Of the lanes, the first `count` are looked at. Returns how many were copied. `target` must
-        have room for 16 from `index` on; those that nothing is copied to may become 0.
-        """
-        chosen = source[first : first + LANES][(a < b) & (np.arange(LANES) < count)]
-        target[index : index + len(chosen)] = chosen
-        return len(chosen)
-
     def gather(array: Any, indices: Any, first: int) -> Any:
-        """Values of a float32 array at the 16 indices (int32) listed from `first` on."""
+        """Values of a float32 array at the `LANES` indices (int32) listed from `first` on."""
         return array[indices[first : first + LANES]]
 
-    def scatter(array: Any, indices: Any, first: int, count: int, value: Any) -> None:
-        """Write the first `count` lanes to the indices listed from `first` on, all different."""
-        listed = indices[first : first + min(count, LANES)]
-        array[listed] = value[: len(listed)]
+    def scatter(array: Any, indices: Any, first: int, value: Any) -> None:
+        """Write a vector to the indices listed from `first` on, all different."""
+        array[indices[first : first + LANES]] = value
 
     def first_lanes(value: Any, count: int) -> Any:
         """The value in the first `count` lanes, 0 in the others."""
         return np.where(np.arange(LANES) < count, value, np.float32(0.0))
 
+    def first_lane(value: Any) -> Any:
+        """The value in the first lane."""
+        return value[0]
+
     def sum_lanes(value: Any) -> Any:
         """Sum over the lanes: halves are added until one value is left."""
-        for width in (8, 4, 2, 1):
-            value = value[:width] + value[width : 2 * width]
+        while len(value) > 1:
+            half = len(value) // 2
+            value = value[:half] + value[half:]
         return value[0]
 
 else:
 
     @intrinsic  # type: ignore[untyped-decorator]
     def load(typingctx: Any, array: Any, row: Any) -> Any:
-        """Row `row` of a C-contiguous float32 array, seen as rows of 16 values."""
+        """Row `row` of a C-contiguous float32 array, seen as rows of `LANES` values."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return builder.load(_row_pointer(context, builder, sig, args), align=4)
@@ -255,7 +310,7 @@ else:
 
     @intrinsic  # type: ignore[untyped-decorator]
     def splat(typingctx: Any, value: Any) -> Any:
-        """The same value in all 16 lanes."""
+        """The same value in all lanes."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return _as_vector(context, builder, args[0], sig.args[0])
@@ -266,6 +321,16 @@ else:
     def sqrt(typingctx: Any, value: Any) -> Any:
         """Square root, lane by lane."""
         return vector(vector), _llvm_math("sqrt")
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def fma(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
+        """``a * b + c``, rounded once where the machine can; of vectors, numbers or both."""
+        return _fused(a, b, c, negated=False)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def fnma(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
+        """``c - a * b``, rounded once where the machine can; of vectors, numbers or both."""
+        return _fused(a, b, c, negated=True)
 
     @intrinsic  # type: ignore[untyped-decorator]
     def minimum(typingctx: Any, a: Any, b: Any) -> Any:
@@ -298,6 +363,26 @@ else:
         return types.boolean(vector, vector), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
+    def bits_less(typingctx: Any, a: Any, b: Any) -> Any:
+        """An integer whose bits, from the lowest on, say in which lanes a < b."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            mask = builder.fcmp_ordered("<", args[0], args[1])
+            bits = builder.bitcast(mask, ir.IntType(LANES))
+            return builder.zext(bits, ir.IntType(64))
+
+        return types.int64(vector, vector), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def lowest_bit(typingctx: Any, bits: Any) -> Any:
+        """Place of the lowest bit of a positive integer that is 1."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+        return types.int64(types.int64), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
     def _set_flush_mode(typingctx: Any) -> Any:
         """Set the calling thread's flush-to-zero and denormals-are-zero bits, where known."""
 
@@ -327,7 +412,7 @@ else:
 
     @intrinsic  # type: ignore[untyped-decorator]
     def load_from(typingctx: Any, array: Any, first: Any) -> Any:
-        """The 16 values of a float32 array from index `first` on."""
+        """The `LANES` values of a float32 array from index `first` on."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return builder.load(_pointer_at(context, builder, sig.args[0], *args), align=4)
@@ -335,55 +420,12 @@ else:
         return vector(array, types.intp), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def append_less(
-        typingctx: Any,
-        a: Any,
-        b: Any,
-        source: Any,
-        first: Any,
-        count: Any,
-        target: Any,
-        index: Any,
-    ) -> Any:
-        """Copy ``source[first + lane]`` (int32) where a < b to `target` from `index` on.
-
-        Of the lanes, the first `count` are looked at. Returns how many were copied. `target` must
-        have room for 16 from `index` on; those that nothing is copied to may become 0.
-        """
-
-        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            a, b, source, first, count, target, index = args
-            mask = builder.and_(builder.fcmp_ordered("<", a, b), _before(builder, count))
-            values = builder.load(
-                _pointer_at(context, builder, sig.args[2], source, first, _INDICES), align=4
-            )
-            compress = _intrinsic_function(
-                builder,
-                f"llvm.experimental.vector.compress.v{LANES}i32",
-                _INDICES,
-                [_INDICES, mask.type, _INDICES],
-            )
-            packed = builder.call(compress, [values, mask, ir.Constant(_INDICES, None)])
-            builder.store(
-                packed,
-                _pointer_at(context, builder, sig.args[5], target, index, _INDICES),
-                align=4,
-            )
-            chosen = builder.ctpop(builder.bitcast(mask, ir.IntType(LANES)))
-            return builder.zext(chosen, first.type)
-
-        index_type = types.intp
-        return index_type(
-            vector, vector, source, index_type, index_type, target, index_type
-        ), generate
-
-    @intrinsic  # type: ignore[untyped-decorator]
     def gather(typingctx: Any, array: Any, indices: Any, first: Any) -> Any:
-        """Values of a float32 array at the 16 indices (int32) listed from `first` on."""
+        """Values of a float32 array at the `LANES` indices (int32) listed from `first` on."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             pointers = _listed_pointers(context, builder, sig, args)
-            mask = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [1] * LANES)
+            mask = ir.Constant(_MASK, [1] * LANES)
             arguments = [pointers, _ALIGNMENT, mask, ir.Constant(_VECTOR, ir.Undefined)]
             function = _intrinsic_function(
                 builder,
@@ -396,14 +438,12 @@ else:
         return vector(array, indices, types.intp), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def scatter(
-        typingctx: Any, array: Any, indices: Any, first: Any, count: Any, value: Any
-    ) -> Any:
-        """Write the first `count` lanes to the indices listed from `first` on, all different."""
+    def scatter(typingctx: Any, array: Any, indices: Any, first: Any, value: Any) -> Any:
+        """Write a vector to the indices listed from `first` on, all different."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             pointers = _listed_pointers(context, builder, sig, args)
-            arguments = [args[4], pointers, _ALIGNMENT, _before(builder, args[3])]
+            arguments = [args[3], pointers, _ALIGNMENT, ir.Constant(_MASK, [1] * LANES)]
             function = _intrinsic_function(
                 builder,
                 f"llvm.masked.scatter.v{LANES}f32.v{LANES}p0",
@@ -413,7 +453,7 @@ else:
             builder.call(function, arguments)
             return context.get_dummy_value()
 
-        return types.void(array, indices, types.intp, types.intp, vector), generate
+        return types.void(array, indices, types.intp, vector), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
     def first_lanes(typingctx: Any, value: Any, count: Any) -> Any:
@@ -425,12 +465,22 @@ else:
         return vector(vector, types.intp), generate
 
     @intrinsic  # type: ignore[untyped-decorator]
+    def first_lane(typingctx: Any, value: Any) -> Any:
+        """The value in the first lane."""
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return builder.extract_element(args[0], ir.Constant(_INDEX, 0))
+
+        return types.float32(vector), generate
+
+    @intrinsic  # type: ignore[untyped-decorator]
     def sum_lanes(typingctx: Any, value: Any) -> Any:
         """Sum over the lanes: halves are added until one value is left."""
 
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            total = args[0]
-            for width in (8, 4, 2, 1):
+            total, width = args[0], LANES
+            while width > 1:
+                width //= 2
                 low, high = (
                     builder.shuffle_vector(
                         total,

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pourcast.engine.compile import kernel
-from pourcast.engine.simd import maximum, sqrt
+from pourcast.engine.simd import fma, fnma, maximum, sqrt
 
 NORMALISATION = 21.0 / (2.0 * np.pi)
 """Times 1 / H^3: makes the integral of W over space 1."""
@@ -27,9 +27,15 @@ GRADIENT_FACTOR = 20.0
 
 
 @kernel
+def dot(ax: Any, ay: Any, az: Any, bx: Any, by: Any, bz: Any) -> Any:
+    """Scalar product of two vectors in space."""
+    return fma(az, bz, fma(ay, by, ax * bx))
+
+
+@kernel
 def one_minus_q_of(squared_distance: Any, inverse_support: Any, zero: Any) -> Any:
     """max(1 - r / H, 0) from r^2."""
-    return maximum(1.0 - sqrt(squared_distance) * inverse_support, zero)
+    return maximum(fnma(sqrt(squared_distance), inverse_support, 1.0), zero)
 
 
 @kernel
@@ -39,7 +45,7 @@ def weight(one_minus_q: Any) -> Any:
     Works on floats and on vectors.
     """
     square = one_minus_q * one_minus_q
-    return square * square * (5.0 - 4.0 * one_minus_q)
+    return square * square * fnma(4.0, one_minus_q, 5.0)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Solids: convex polygons of many scenes in flat arrays, distances, and the broad phase.
+"""Solids: distances from convex polygons, and the broad phase.
 
 A polygon stands for a prism through the whole depth of the box, so that
 distances are a problem in the x-y plane.
@@ -18,26 +18,6 @@ from pourcast.engine.compile import allocating_kernel, kernel
 CELLS_X, CELLS_Y = 50, 75
 
 
-class Solids(NamedTuple):
-    """Convex polygons of many scenes in flat arrays, counter-clockwise.
-
-    Polygon p owns the vertices ``polygon_start[p]:polygon_start[p + 1]``; scene
-    s owns the polygons ``scene_start[s]:scene_start[s + 1]``. Vertex k also
-    stands for the edge from it to the next vertex of its polygon.
-    """
-
-    vertices: NDArray[np.float64]
-    """Vertices [m], shape [vertex_count, 2]."""
-    normals: NDArray[np.float64]
-    """Outward unit normals of the edges, shape [vertex_count, 2]."""
-    lengths: NDArray[np.float64]
-    """Lengths of the edges [m], shape [vertex_count]."""
-    polygon_start: NDArray[np.int64]
-    scene_start: NDArray[np.int64]
-    is_goal: NDArray[np.bool_]
-    """Whether a polygon belongs to the goal (divider, cup), shape [polygon_count]."""
-
-
 class BroadPhase(NamedTuple):
     """Broad phase: the polygons near each cell of a grid over each scene."""
 
@@ -48,36 +28,6 @@ class BroadPhase(NamedTuple):
     polygons: NDArray[np.int64]
     clearance: NDArray[np.float64]
     """Lower bound of the distance [m] from any point of a cell to the nearest polygon."""
-
-
-def pack_solids(scenes: list[list[tuple[NDArray[np.float64], bool]]]) -> Solids:
-    """Flatten polygons into the arrays that the kernels read.
-
-    Parameters
-    ----------
-    scenes
-        For each scene a list of (vertices [m], shape [k, 2], counter-clockwise;
-        whether the polygon is part of the goal).
-
-    Returns
-    -------
-    Solids
-        The same polygons, with edge normals and lengths.
-    """
-    polygons = [polygon for scene in scenes for polygon in scene]
-    vertices = [np.asarray(v, dtype=np.float64) for v, _ in polygons]
-    edges = [np.roll(v, -1, axis=0) - v for v in vertices]
-    flat_edges = np.concatenate([*edges, np.zeros((0, 2))])
-    lengths = np.hypot(flat_edges[:, 0], flat_edges[:, 1])
-    outward = np.stack([flat_edges[:, 1], -flat_edges[:, 0]], axis=1)
-    return Solids(
-        vertices=np.concatenate([*vertices, np.zeros((0, 2))]),
-        normals=outward / lengths[:, None],
-        lengths=lengths,
-        polygon_start=np.cumsum([0] + [len(v) for v in vertices]),
-        scene_start=np.cumsum([0] + [len(scene) for scene in scenes]),
-        is_goal=np.array([goal for _, goal in polygons], dtype=np.bool_),
-    )
 
 
 @kernel

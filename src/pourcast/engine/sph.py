@@ -1,4 +1,4 @@
-"""Weakly compressible SPH of 16 simulations in lockstep, composed of its chapters.
+"""Weakly compressible SPH of simulations in lockstep, composed of its chapters.
 
 Monaghan (1992), Annu. Rev. Astron. Astrophys. 30: `smoothing` (kernel W),
 `density`, `equation_of_state` (pressure), `viscosity`, `walls` (mirror images),
@@ -17,7 +17,7 @@ from pourcast.engine.momentum import add_pair_forces, start_forces
 
 @kernel
 def find_density(state: Any, parameters: Any) -> None:
-    """Density of 16 simulations in lockstep, over that at rest."""
+    """Density of simulations in lockstep, over that at rest."""
     start_density(state, parameters)
     add_pair_density(state, parameters)
     divide_by_rest_density(state, parameters)
@@ -25,7 +25,7 @@ def find_density(state: Any, parameters: Any) -> None:
 
 @kernel
 def find_forces(state: Any, parameters: Any) -> None:
-    """Density, pressure and forces of 16 simulations in lockstep."""
+    """Density, pressure and forces of simulations in lockstep."""
     find_density(state, parameters)
     start_forces(state, parameters)
     add_pair_forces(state, parameters)
@@ -35,7 +35,7 @@ def find_forces(state: Any, parameters: Any) -> None:
 def advance(
     state: Any, parameters: Any, solids: Any, broad_phase: Any, step: float, steps: int
 ) -> None:
-    """Move 16 simulations on by a number of steps.
+    """Move simulations in lockstep on by a number of steps.
 
     Parameters
     ----------
@@ -50,8 +50,9 @@ def advance(
     steps
         How many.
     """
+    rows = state.density.shape[0]
     for _ in range(steps):
         find_forces(state, parameters)
-        integrate(state, parameters, step)
-        collide_with_box(state, parameters)
-        collide_with_polygons(state, parameters, solids, broad_phase)
+        integrate(state, parameters, step, 0, rows)
+        collide_with_box(state, parameters, 0, rows)
+        collide_with_polygons(state, parameters, solids, broad_phase, 0, rows)

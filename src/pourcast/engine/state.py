@@ -26,41 +26,41 @@ class State(NamedTuple):
     """Particles of a block; `row_count` rows of 16."""
 
     position: Floats
-    """Particle positions [m], shape [3, row_count, 16]."""
+    """Particle positions [m], shape [3, row_count, LANES]."""
     velocity: Floats
-    """Particle velocities [m/s], shape [3, row_count, 16]."""
+    """Particle velocities [m/s], shape [3, row_count, LANES]."""
     acceleration: Floats
-    """Accelerations by pressure and viscosity [m/s^2], shape [3, row_count, 16]."""
+    """Accelerations by pressure and viscosity [m/s^2], shape [3, row_count, LANES]."""
     density: Floats
-    """Density over rest density, shape [row_count, 16]."""
+    """Density over rest density, shape [row_count, LANES]."""
     pressure: Floats
     """(density - 1) / density^2, at least 0: pressure over c^2 rho0 density^2."""
     squared_top_speed: Floats
     """Square of the greatest speed that a particle of each lane has had since this was last set
-    to 0, before contact [m^2/s^2], shape [16]."""
+    to 0, before contact [m^2/s^2], shape [LANES]."""
     previous: Floats
-    """x and y before the last step [m], shape [2, row_count, 16]."""
+    """x and y before the last step [m], shape [2, row_count, LANES]."""
     touched: Floats
-    """1 if a particle ever met an obstacle, else 0; shape [row_count, 16]."""
+    """1 if a particle ever met an obstacle, else 0; shape [row_count, LANES]."""
     listed_at: Floats
-    """x and y where a particle's list of near solids was made [m], shape [2, row_count, 16]."""
+    """x and y where a particle's list of near solids was made [m], shape [2, row_count, LANES]."""
     squared_slack: Floats
     """Square of the distance that it may move from there before the list is old [m^2]."""
     near_count: Floats
-    """Number of polygons in the list, shape [row_count, 16]."""
+    """Number of polygons in the list, shape [row_count, LANES]."""
     most_near: NDArray[np.int64]
     """Greatest `near_count` of each row, shape [row_count]."""
     near_edges: Floats
     """Edges of the listed polygons: start x and y [m], outward normal x and y, length [m];
-    shape [NEAR_POLYGONS * NEAR_EDGES, 5, row_count, 16]."""
+    shape [NEAR_POLYGONS * NEAR_EDGES, 5, row_count, LANES]."""
     near_distance: Floats
-    """Distance of each listed polygon when it was listed [m], [NEAR_POLYGONS, row_count, 16]."""
+    """Distance of each listed polygon when it was listed [m], [NEAR_POLYGONS, row_count, LANES]."""
     near_is_obstacle: Floats
-    """1 for an obstacle, 0 for a part of the goal, shape [NEAR_POLYGONS, row_count, 16]."""
+    """1 for an obstacle, 0 for a part of the goal, shape [NEAR_POLYGONS, row_count, LANES]."""
 
 
 class LaneParameters(NamedTuple):
-    """Parameters of the 16 lanes of a block, each of shape [16]."""
+    """Parameters of the lanes of a block, each of shape [LANES]."""
 
     scene: NDArray[np.int64]
     """Index of the scene whose polygons are met; -1 for an empty lane."""

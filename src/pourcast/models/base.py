@@ -5,12 +5,15 @@ with `parameter` (default, unit, range, meaning), and its method `judge` says,
 scene by scene, which share of the liquid the goal will hold.
 """
 
+import itertools
 import json
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar
+from operator import attrgetter
+from typing import Any, ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +28,8 @@ from pourcast.errors import (
 from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
+from pourcast.simulation.memory import REMEMBERED, outcomes_of
 from pourcast.simulation.pour import Pour
-from pourcast.simulation.run import simulate
 
 
 def parameter(
@@ -168,9 +171,16 @@ def judge_checked(
     ModelError
         If it fails, or says anything else.
     """
-    try:
+    with failing_as(spec):
         said = model.judge(scenes, liquid, seed, progress=progress)
         return checked_judgments(said, spec, scenes)
+
+
+@contextmanager
+def failing_as(spec: str) -> Iterator[None]:
+    """What a model's code or a goal's raises is the model's failure, but for what says itself."""
+    try:
+        yield
     except (InputError, ModelError, SimulationDivergedError, StoreError):
         raise
     except Exception as error:
@@ -292,5 +302,49 @@ class SimulationModel(Model):
     ) -> NDArray[np.float64]:
         """Judge scenes: the mean over `pours`. See `Model.judge`."""
         groups = [self.pours(scene, liquid, seed) for scene in scenes]
-        outcomes = iter(simulate([pour for group in groups for pour in group], progress=progress))
-        return np.array([np.mean([next(outcomes).judgment for _ in group]) for group in groups])
+        return np.array(means_over_pours(groups, progress=progress))
+
+
+def averages_pours(model: Model) -> TypeGuard[SimulationModel]:
+    """Whether a model's judgments are the means over its pours, and nothing else."""
+    return isinstance(model, SimulationModel) and type(model).judge is SimulationModel.judge
+
+
+def typical_pour(pours: Sequence[Pour]) -> Pour:
+    """The one of a model's pours of a scene that is pictured."""
+    return pours[len(pours) // 2]
+
+
+def means_over_pours(
+    groups: Sequence[Sequence[Pour]],
+    pictured: Sequence[bool] = (),
+    *,
+    remember: bool = False,
+    progress: Progress = no_progress,
+) -> list[np.float64]:
+    """Mean judgment over each group of pours, each different pour run once.
+
+    Parameters
+    ----------
+    groups
+        Pours of a model in a scene, group by group.
+    pictured
+        For each group whether its typical pour is recorded; by default none is.
+    remember
+        Whether this process's memory of outcomes is used.
+    progress
+        Called with the pours that were run, and how many are.
+    """
+    pours = [pour for group in groups for pour in group]
+    starts = itertools.accumulate((len(group) for group in groups), initial=0)
+    typical = [start + len(group) // 2 for start, group in zip(starts, groups, strict=False)]
+    judgments = iter(
+        outcomes_of(
+            pours,
+            attrgetter("judgment"),
+            record=list(itertools.compress(typical, pictured)),
+            memory=REMEMBERED if remember else None,
+            progress=progress,
+        )
+    )
+    return [np.mean([next(judgments) for _ in group]) for group in groups]

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator
 
-from pourcast.engine.batch import available_cores
 from pourcast.errors import InputError, one_line, unknown
 from pourcast.extras import optional_module
 from pourcast.files import replacing, write_text
@@ -244,6 +243,8 @@ class Network:
         ndarray
             Shape [scene_count, 2].
         """
+        from pourcast.engine.batch import available_cores  # noqa: PLC0415 - loads Numba
+
         self._check_goals(scenes)
         pairs = np.empty((len(scenes), 2))
         alone = partial(torch_module().set_num_threads, 1)

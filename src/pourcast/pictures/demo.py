@@ -55,6 +55,7 @@ def run_demo(folder: Path, report: Report = no_report) -> DemoResult:
     table = predict(
         scenes,
         names,
+        record=dict.fromkeys([*PICTURE_MODELS, *FILM_MODELS]),
         report=lambda name, done, total: report(f"judging: {name}", done, total),
     )
     wide = table.pivot(index="model", columns="scene", values="judgment").loc[names]
@@ -65,11 +66,6 @@ def run_demo(folder: Path, report: Report = no_report) -> DemoResult:
         show(scene, picture, PICTURE_MODELS)
         made[picture] = "six moments of a pour: " + ", ".join(PICTURE_MODELS)
     film = folder / f"{scenes[0].id}.gif"
-    show(
-        scenes[0],
-        film,
-        FILM_MODELS,
-        progress=lambda done, total: report(f"drawing {film.name}", done, total),
-    )
+    show(scenes[0], film, FILM_MODELS, report=report)
     made[film] = "side by side: " + ", ".join(FILM_MODELS)
     return DemoResult(wide, made, {scene.id: scene.goal.share for scene in scenes})

@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
+from pourcast.pictures.cover import liquid_cover
 from pourcast.scenes.scene import Scene
 
-_CELL = 0.006
+CELL = 0.006
+"""Cells in which a liquid's particles are counted; at most so large [m]."""
+
 _OBSTACLE, _GOAL, _BACKGROUND = "#5b6470", "#a3684f", "#f7f7f4"
 
 
@@ -81,7 +83,7 @@ def path_until(path: NDArray[np.float64], length: float) -> NDArray[np.float64]:
 def liquid_image(
     position: NDArray[np.float32], spacing: float, scene: Scene, colour: tuple[float, float, float]
 ) -> NDArray[np.uint8]:
-    """Picture of a liquid: particles smeared out and cut at a level, as RGBA.
+    """Picture of a liquid, as RGBA.
 
     Parameters
     ----------
@@ -99,15 +101,11 @@ def liquid_image(
     ndarray
         Shape [height / 6 mm, width / 6 mm, 4], the lowest row first.
     """
-    width, height = scene.box.width, scene.box.height
-    bins = (round(height / _CELL), round(width / _CELL))
-    counts = np.histogram2d(
-        position[:, 1], position[:, 0], bins=bins, range=((0, height), (0, width))
-    )[0]
-    blur = 0.5 * spacing / _CELL
-    field = gaussian_filter(counts, blur) * 2 * np.pi * blur**2
-    level = np.clip((field - 0.35) / 0.25, 0.0, 1.0)
-    alpha = 0.85 * level * level * (3.0 - 2.0 * level)
-    shades = np.dstack([np.broadcast_to(colour, (*alpha.shape, 3)), alpha])
-    # Bytes are drawn twice as fast as floating-point numbers.
-    return np.round(255 * shades).astype(np.uint8)
+    size = np.array([scene.box.height, scene.box.width])
+    shape = (max(1, round(size[0] / CELL)), max(1, round(size[1] / CELL)))
+    image = np.zeros((*shape, 4), np.uint8)
+    image[:, :, :3] = np.round(255 * np.array(colour))
+    places = position[:, 1::-1] * (shape / size)
+    opacity, (rows, columns) = liquid_cover(places, 0.5 * spacing / CELL, shape)
+    image[rows, columns, 3] = opacity
+    return image

@@ -1,23 +1,33 @@
 """Models' predictions on matplotlib figures: moments in a row, or films side by side."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import EllipseCollection, PolyCollection
+from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
+from PIL import Image
 
-from pourcast.pictures.drawing import draw_paths, draw_scene, draw_start, liquid_image
+from pourcast.pictures.cover import MARBLE_OPACITY, liquid_cover, marble_covers
+from pourcast.pictures.drawing import CELL, draw_paths, draw_scene, draw_start, liquid_image
 from pourcast.pictures.predictions import PredictedPaths, PredictedPour
 from pourcast.pictures.video import FRAME_RATE, Picture
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene import Scene
 
 MOMENTS = 6
+
+DPI = 100
+"""Pixels an inch of films."""
+
+_EDGE = 0.4
+"""Width of the line around a marble [point]."""
 
 
 def draw_pour(axes: Any, scene: Scene, pour: PredictedPour, frame: int) -> Any:
@@ -29,7 +39,7 @@ def draw_pour(axes: Any, scene: Scene, pour: PredictedPour, frame: int) -> Any:
             EllipseCollection(
                 [pour.spacing] * count, [pour.spacing] * count, [0] * count, units="xy",
                 offsets=position[:, :2], transOffset=axes.transData,
-                facecolors=[(*pour.colour, 0.7)], edgecolors="white", linewidths=0.4,
+                facecolors=[(*pour.colour, MARBLE_OPACITY)], edgecolors="white", linewidths=_EDGE,
             )
         )  # fmt: skip
     picture = liquid_image(position, pour.spacing, scene, pour.colour)
@@ -84,58 +94,116 @@ class FilmFigure:
 
     scene: Scene
     figure: Figure
-    pours: list[tuple[Any, PredictedPour]]
-    """Each pour's artist, and the pour."""
-    solids: list[PolyCollection]
-    """What stands in front of the liquid."""
+    floods: list[tuple[AxesImage, PredictedPour]]
+    """Each pour, and a picture of its panel full of the liquid."""
 
     @property
     def frame_count(self) -> int:
         """Frames of the longest pour; 1 if nothing moves."""
-        return max((len(pour.frames) for _, pour in self.pours), default=1)
+        return max((len(pour.frames) for _, pour in self.floods), default=1)
 
     def picture_maker(self) -> Picture:
-        """What draws a frame, by its number; where a pour is over, its last one stays."""
-        canvas: Any = FigureCanvasAgg(self.figure)
-        # What stands still is drawn once; animated artists are left out of `draw`.
-        for artist in [*(artist for artist, _ in self.pours), *self.solids]:
-            artist.set_animated(True)
-        canvas.draw()
-        renderer = canvas.get_renderer()
-        background = renderer.copy_from_bbox(self.figure.bbox)
+        """What draws a frame, by its number; where a pour is over, its last one stays.
+
+        The figure is drawn once without a liquid, and once full of it: frames are made of the two.
+        """
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")
+        full = self._drawn([pour.colour for _, pour in self.floods])
+        white = self._drawn([(1.0, 1.0, 1.0)] * len(self.floods))
+        empty = self._drawn([])
+        panels = [
+            _FlowingPanel(flood.axes, self.scene, pour, empty, full, white)
+            for flood, pour in self.floods
+        ]
+        background = np.asarray(empty)
 
         def picture(number: int) -> NDArray[np.uint8]:
-            renderer.restore_region(background)
-            for artist, pour in self.pours:
-                _move_particles(artist, self.scene, pour, number)
-                artist.draw(renderer)
-            for solid in self.solids:
-                solid.draw(renderer)
-            return np.array(renderer.buffer_rgba())[:, :, :3]
+            image = background.copy()
+            for panel in panels:
+                panel.draw(image, number)
+            return image
 
         return picture
 
+    def _drawn(self, colours: Sequence[tuple[float, float, float]]) -> Image.Image:
+        """The figure, with panels full of some colours or empty."""
+        for flood, _ in self.floods:
+            flood.set_visible(bool(colours))
+        for (flood, _), colour in zip(self.floods, colours, strict=False):
+            flood.set_data([[colour]])
+        canvas: Any = FigureCanvasAgg(self.figure)
+        canvas.draw()
+        return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+
+class _FlowingPanel:
+    """A pour in a panel of a figure that was drawn without it, full of it, and full of white."""
+
+    def __init__(
+        self,
+        axes: Any,
+        scene: Scene,
+        pour: PredictedPour,
+        empty: Image.Image,
+        full: Image.Image,
+        white: Image.Image,
+    ) -> None:
+        bounds = axes.get_window_extent()
+        floor = empty.height - bounds.y0
+        self._left, self._top = round(bounds.x0), round(empty.height - bounds.y1)
+        right, bottom = max(round(bounds.x1), self._left + 1), max(round(floor), self._top + 1)
+        box = (self._left, self._top, right, bottom)
+        self._layers = [layer.crop(box) for layer in (empty, full, white)]
+        self._pour = pour
+        self._scale = bounds.width / scene.box.width
+        self._origin = np.array([floor - self._top, bounds.x0 - self._left])
+        # The frames of a pour that is over are all the same.
+        self._patch = lru_cache(maxsize=4)(self._new_patch)
+
+    def draw(self, image: NDArray[np.uint8], number: int) -> None:
+        """Draw a frame, or the last one, on a picture of the figure."""
+        patch, (row, column) = self._patch(min(number, len(self._pour.frames) - 1))
+        height, width = patch.shape[:2]
+        top, left = self._top + row, self._left + column
+        image[top : top + height, left : left + width] = patch
+
+    def _new_patch(self, frame: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
+        """The part of the panel that a frame changes, and its top left corner."""
+        empty, full, white = self._layers
+        # Rows of pictures count downwards.
+        places = self._origin + self._pour.frames[frame][:, 1::-1] * (-self._scale, self._scale)
+        shape = (empty.height, empty.width)
+        if self._pour.marbles:
+            radius, edge = 0.5 * self._pour.spacing * self._scale, _EDGE * DPI / 72
+            faces, edges = map(Image.fromarray, marble_covers(places, radius, edge, shape))
+            coloured = Image.composite(full, empty, faces)
+            return np.asarray(Image.composite(white, coloured, edges)), (0, 0)
+        # Pixels of a large box are larger than the cells that a liquid takes.
+        fine = max(1, math.ceil(1.0 / (self._scale * CELL)))
+        opacity, (rows, columns) = liquid_cover(
+            places * fine, 0.5 * self._pour.spacing * self._scale * fine,
+            (shape[0] * fine, shape[1] * fine), block=fine,
+        )  # fmt: skip
+        top, left = rows.start // fine, columns.start // fine
+        box = (left, top, columns.stop // fine, rows.stop // fine)
+        cover = Image.fromarray(opacity).reduce(fine)
+        return np.asarray(Image.composite(full.crop(box), empty.crop(box), cover)), (top, left)
+
 
 def film_figure(scene: Scene, predictions: Sequence[PredictedPour | PredictedPaths]) -> FilmFigure:
-    """Predictions side by side, at their start."""
+    """Predictions side by side, with nothing poured yet."""
     aspect = scene.box.height / scene.box.width
     columns = len(predictions)
-    figure = Figure(figsize=(2.6 * columns, 2.6 * aspect + 0.5), dpi=100, layout="constrained")
-    pours, solids = [], []
+    figure = Figure(figsize=(2.6 * columns, 2.6 * aspect + 0.5), dpi=DPI, layout="constrained")
+    floods = []
     for axes, one in zip(figure.subplots(1, columns, squeeze=False)[0], predictions, strict=True):
-        solids += draw_scene(axes, scene)
+        draw_scene(axes, scene)
         axes.set_title(f"{one.name}\nJ = {one.judgment:.2f}", fontsize=9)
         if isinstance(one, PredictedPaths):
             draw_predicted_paths(axes, scene, one)
         else:
-            pours.append((draw_pour(axes, scene, one, 0), one))
-    return FilmFigure(scene, figure, pours, solids)
-
-
-def _move_particles(artist: Any, scene: Scene, pour: PredictedPour, frame: int) -> None:
-    """Let an artist of `draw_pour` show another frame."""
-    position = pour.frames[min(frame, len(pour.frames) - 1)]
-    if isinstance(artist, AxesImage):
-        artist.set_data(liquid_image(position, pour.spacing, scene, pour.colour))
-    else:
-        artist.set_offsets(position[:, :2])
+            extent = (0.0, scene.box.width, 0.0, scene.box.height)
+            flood = axes.imshow([[one.colour]], extent=extent, zorder=3)
+            floods.append((flood, one))
+    return FilmFigure(scene, figure, floods)

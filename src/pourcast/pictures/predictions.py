@@ -1,16 +1,21 @@
 """What a model predicts of a scene, as far as it can be pictured: a pour, or paths."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.models.base import Model, SimulationModel
+from pourcast.models.base import Model, SimulationModel, typical_pour
 from pourcast.models.registry import make_model
+from pourcast.prediction import JudgmentRequest, judge_together
+from pourcast.progress import Progress, Report, no_progress, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
-from pourcast.simulation.run import simulate
+from pourcast.simulation.memory import REMEMBERED, outcomes_of
+from pourcast.simulation.pour import Pour
 from pourcast.simulation.settings import EngineSettings
 
 _MARBLE = (0.45, 0.30, 0.62)
@@ -47,70 +52,83 @@ class PredictedPaths(Prediction):
     """Corners [m] of each, shape [corner_count, 2]."""
 
 
-def make_prediction(
-    scene: Scene, spec: str, liquid: Liquid, seed: int = 0, own: Sequence[Liquid] = ()
-) -> PredictedPour | PredictedPaths:
-    """Judge a scene with a model, and record its typical pour or its paths.
+def make_predictions(
+    scene: Scene,
+    specs: Sequence[str],
+    liquid: Liquid,
+    seed: int = 0,
+    own: Sequence[Liquid] = (),
+    *,
+    report: Report = no_report,
+) -> list[PredictedPour | PredictedPaths]:
+    """Judge a scene with models, and record their typical pours or their paths.
 
     Parameters
     ----------
     scene
         The scene.
-    spec
-        Model spec, as for `make_model`.
+    specs
+        Model specs, as for `make_model`.
     liquid
         Liquid that is shown in the trial.
     seed
         Source of randomness.
     own
-        The study's own liquids, which the spec can name.
+        The study's own liquids, which the specs can name.
+    report
+        Told of the progress.
     """
-    model = make_model(spec, own)
-    if isinstance(model, SimulationModel):
-        return predict_pour(scene, spec, model, liquid, seed)
-    judgment = float(model.judge([scene], liquid, seed)[0])
-    return PredictedPaths(spec, judgment, liquid.rgb, _paths(model, scene, seed))
+    models = [make_model(spec, own) for spec in specs]
+    requests = [
+        JudgmentRequest(spec, model, [scene], liquid)
+        for spec, model in zip(specs, models, strict=True)
+    ]
+    judged = judge_together(requests, seed, record=specs, report=report)
+    typical = {
+        spec: typical_pour(model.pours(scene, liquid, seed))
+        for spec, model in zip(specs, models, strict=True)
+        if isinstance(model, SimulationModel)
+    }
+    poured = predict_pours(typical, progress=partial(report, "recording"))
+    return [
+        replace(poured[spec], judgment=float(judgments[0]))
+        if spec in poured
+        else PredictedPaths(spec, float(judgments[0]), liquid.rgb, _paths(model, scene, seed))
+        for spec, model, judgments in zip(specs, models, judged, strict=True)
+    ]
 
 
-def predict_pour(
-    scene: Scene,
-    name: str,
-    model: SimulationModel,
-    liquid: Liquid,
-    seed: int = 0,
+def predict_pours(
+    pours: Mapping[str, Pour],
     *,
     settings: EngineSettings | None = None,
-) -> PredictedPour:
-    """Judge a scene with a model that runs pours, and record its typical one.
+    progress: Progress = no_progress,
+) -> dict[str, PredictedPour]:
+    """Record pours, each as a prediction of its own.
 
     Parameters
     ----------
-    scene
-        The scene.
-    name
-        What the model is called.
-    model
-        The model.
-    liquid
-        Liquid that is shown in the trial.
-    seed
-        Source of randomness.
+    pours
+        What each is called -> the pour.
     settings
         How pours are computed; shorter ones for a look at the start.
+    progress
+        Called with the pours that were run, and how many are.
     """
-    pours = model.pours(scene, liquid, seed)
-    outcomes = simulate(pours, settings=settings, record=True)
-    typical, outcome = pours[len(pours) // 2], outcomes[len(pours) // 2]
-    assert outcome.frames is not None
-    marbles = typical.kind == "marbles"
-    return PredictedPour(
-        name=name,
-        judgment=float(np.mean([each.judgment for each in outcomes])),
-        colour=_MARBLE if marbles else typical.liquid.rgb,
-        frames=outcome.frames,
-        spacing=typical.spacing,
-        marbles=marbles,
+    ends = outcomes_of(
+        list(pours.values()),
+        attrgetter("judgment", "frames"),
+        settings=settings,
+        record=range(len(pours)),
+        memory=REMEMBERED,
+        progress=progress,
     )
+    predictions = {}
+    for (name, pour), (judgment, frames) in zip(pours.items(), ends, strict=True):
+        marbles = pour.kind == "marbles"
+        colour = _MARBLE if marbles else pour.liquid.rgb
+        predictions[name] = PredictedPour(name, judgment, colour, frames, pour.spacing, marbles)
+    return predictions
 
 
 def _paths(model: Model, scene: Scene, seed: int) -> tuple[NDArray[np.float64], ...]:

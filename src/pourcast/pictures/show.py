@@ -1,6 +1,7 @@
 """Looking: a scene, a pour in six moments or as a film, several models side by side."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
@@ -8,12 +9,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pourcast.engine.batch import available_cores
 from pourcast.errors import InputError
 from pourcast.files import check_writable, replacing
 from pourcast.pictures.panels import FilmFigure, film_figure, moments_figure, scene_figure
-from pourcast.pictures.predictions import Prediction, make_prediction
+from pourcast.pictures.predictions import Prediction, make_predictions
 from pourcast.pictures.video import FRAME_RATE, write_film, write_gif
-from pourcast.progress import Progress, no_progress
+from pourcast.progress import Progress, Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
@@ -33,7 +35,7 @@ def show(
     seed: int = 0,
     *,
     own: Sequence[Liquid] = (),
-    progress: Progress = no_progress,
+    report: Report = no_report,
 ) -> list[Prediction]:
     """Make a picture or a film of a scene, and of what models predict of it.
 
@@ -52,8 +54,8 @@ def show(
         Source of randomness.
     own
         The study's own liquids.
-    progress
-        Called with the frames drawn and how many there are.
+    report
+        Told of the progress: pours that are run, then frames that are drawn.
 
     Returns
     -------
@@ -72,10 +74,11 @@ def show(
     if suffix in (".gif", ".mp4") and not models:
         raise InputError(f"{path}: a film needs at least one --model; a still scene is a .png")
     check_writable(path)
-    predictions = [make_prediction(scene, spec, trial_liquid, seed, own) for spec in models]
+    predictions = make_predictions(scene, models, trial_liquid, seed, own, report=report)
     with replacing(path) as temporary:
         if suffix in (".gif", ".mp4"):
-            _save_film(film_figure(scene, predictions), temporary, progress)
+            drawing = partial(report, f"drawing {path.name}")
+            _save_film(film_figure(scene, predictions), temporary, drawing)
         elif predictions:
             _save_picture(moments_figure(scene, predictions), temporary)
         else:
@@ -98,10 +101,10 @@ def _save_film(film: FilmFigure, path: Path, progress: Progress) -> None:
     frame = film.picture_maker()
 
     def picture(k: int) -> NDArray[np.uint8]:
-        progress(k + 1, len(numbers))
         return frame(numbers[k])
 
+    cores = available_cores()
     if path.suffix == ".gif":
-        write_gif(path, picture, len(numbers), stride=_GIF_STRIDE)
+        write_gif(path, picture, len(numbers), stride=_GIF_STRIDE, threads=cores, progress=progress)
     else:
-        write_film(path, picture, len(numbers))
+        write_film(path, picture, len(numbers), threads=cores, progress=progress)

@@ -19,6 +19,7 @@ from pourcast.comparison.recovery import (
 )
 from pourcast.errors import InputError
 from pourcast.pictures.show import show
+from pourcast.prediction import predict
 from pourcast.progress import Report
 from pourcast.report.figures import design, fits, models, people, scenes
 from pourcast.scenes.liquids.registry import called
@@ -224,6 +225,14 @@ def films(comparison: Comparison, folder: Path, count: int, tell: Report) -> lis
     own = study_liquids(comparison.study)
     made = []
     wanted = list(_disagreements(comparison, count).items())[:count]
+    for liquid in dict.fromkeys(liquid for (_, liquid), _ in wanted):
+        filmed = {scene: shown for (scene, name), (_, shown) in wanted if name == liquid}
+        names = list(dict.fromkeys(name for shown in filmed.values() for name in shown))
+        # All together here; `show` then finds them poured.
+        predict(
+            [by_id[scene] for scene in filmed], names, liquid, own=own, record=names,
+            report=lambda _, done, total: tell("simulating films", done, total),
+        )  # fmt: skip
     for done, ((scene, liquid), (why, shown)) in enumerate(wanted):
         tell(f"filming {scene}", done, len(wanted))
         path = folder / f"{scene}-{called(liquid)}.mp4"

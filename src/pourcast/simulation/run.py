@@ -7,13 +7,12 @@ from dataclasses import fields
 
 import numpy as np
 
-from pourcast.engine.batch import Job, Result, Stepping, run_batch
-from pourcast.engine.contact import TOUCH_SKIN
+from pourcast.engine.job import Job, Result, Stepping
 from pourcast.engine.packing import (
     pack_cylinder,
     reference_density,
 )
-from pourcast.engine.solids import Solids, obstacle_distances, pack_solids
+from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.errors import SimulationDivergedError
 from pourcast.progress import Progress, no_progress
 from pourcast.scenes.scene import Scene
@@ -39,7 +38,7 @@ def simulate(
     threads: int | None = None,
     progress: Progress = no_progress,
 ) -> list[Outcome]:
-    """Run simulations, in lockstep batches, on all cores.
+    """Run simulations on all cores, as many in lockstep as fill its lanes.
 
     Parameters
     ----------
@@ -53,7 +52,7 @@ def simulate(
         Worker threads; all cores by default. The result has the same bits for
         any number, and for any company in which a pour is run.
     progress
-        Called after each simulation.
+        Called before the first simulation, and after each.
 
     Returns
     -------
@@ -65,12 +64,16 @@ def simulate(
     SimulationDivergedError
         If a pour breaks: the message names scene, liquid and settings.
     """
+    # The engine loads Numba: when something is simulated, and not for what only names it.
+    from pourcast.engine.batch import Batch, run_batches  # noqa: PLC0415
+
     settings = settings or EngineSettings()
     groups: dict[tuple[Kind, int, Stepping], list[int]] = defaultdict(list)
     for index, pour in enumerate(pours):
         stepping = settings.stepping(pour.kind, pour.spacing, pour.liquid.viscosity_alpha)
         groups[pour.kind, pour.n_particles, stepping].append(index)
     done, lock = 0, threading.Lock()
+    progress(0, len(pours))
 
     def count_one(_index: int, _result: Result) -> None:
         nonlocal done
@@ -78,28 +81,25 @@ def simulate(
             done += 1
             progress(done, len(pours))
 
-    outcomes: dict[int, Outcome] = {}
+    batches = []
     for (kind, _, stepping), members in groups.items():
         chosen = [pours[index] for index in members]
         solids, scene_index = _solids_of(chosen)
         jobs = [_job(p, s, settings) for p, s in zip(chosen, scene_index, strict=True)]
-        try:
-            results = run_batch(
-                jobs,
-                solids,
-                stepping,
-                kind=kind,
-                record=record,
-                threads=threads,
-                on_done=count_one,
-            )
-        except SimulationDivergedError as error:
-            number = members[error.number]
-            raise SimulationDivergedError(
-                f"{_name(pours[number], settings)}: {error}", number=number
-            ) from None
-        for index, job, result in zip(members, jobs, results, strict=True):
-            outcomes[index] = _outcome(pours[index], job, result, solids)
+        batches.append(Batch(jobs, solids, stepping, kind))
+    order = [index for members in groups.values() for index in members]
+    try:
+        results = run_batches(batches, record=record, threads=threads, on_done=count_one)
+    except SimulationDivergedError as error:
+        number = order[error.number]
+        raise SimulationDivergedError(
+            f"{_name(pours[number], settings)}: {error}", number=number
+        ) from None
+    solids_and_jobs = [(batch.solids, job) for batch in batches for job in batch.jobs]
+    outcomes = {
+        index: _outcome(pours[index], job, result, solids)
+        for index, (solids, job), result in zip(order, solids_and_jobs, results, strict=True)
+    }
     return [outcomes[index] for index in range(len(pours))]
 
 
@@ -163,6 +163,9 @@ def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
 
 
 def _outcome(pour: Pour, job: Job, result: Result, solids: Solids) -> Outcome:
+    from pourcast.engine.contact import TOUCH_SKIN  # noqa: PLC0415
+    from pourcast.engine.solids import obstacle_distances  # noqa: PLC0415
+
     goal, position = pour.scene.goal, result.position.astype(np.float64)
     held = [goal.holds(x, y) for x, y in position[:, :2]]
     gap = obstacle_distances(position[:, :2], job.scene, solids)

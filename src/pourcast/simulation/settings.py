@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from pourcast.engine.batch import Stepping
+from pourcast.engine.job import Stepping
 from pourcast.engine.packing import (
     SUPPORT_IN_SPACINGS,
 )

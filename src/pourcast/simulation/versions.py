@@ -14,8 +14,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from pourcast.engine.compile import code_of
-
 _OURS = "pourcast"
 
 _DECIDE_NOTHING = tuple(
@@ -65,6 +63,8 @@ def read_source(path: Path) -> str:
 
 @cache
 def _digest_of(path: Path, *, words: bool) -> str:
+    from pourcast.engine.compile import code_of  # noqa: PLC0415 - loads Numba
+
     source = read_source(path)
     code = code_of(source if words else _without_words(source))
     return hashlib.sha256(code.encode()).hexdigest()

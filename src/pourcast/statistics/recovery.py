@@ -76,6 +76,7 @@ def recover_parameters(
         Number of the candidate that was recovered, shape [planted_count, studies].
     """
     recovered = np.empty((len(planted), studies), dtype=np.int64)
+    progress(0, len(planted))
     for row, candidate in enumerate(planted):
         means = np.empty((studies, candidates.shape[1]))
         for study in range(studies):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -26,6 +25,7 @@ from pourcast.stimuli.settings import StimulusSettings
 from pourcast.stimuli.solvers.sph import ParticleEngine
 from pourcast.stimuli.task import WORK, StimulusTask
 from pourcast.sweep.executors import Executor
+from pourcast.sweep.executors.in_process import InProcessExecutor
 from pourcast.sweep.executors.local import LocalExecutor
 from pourcast.sweep.task import TaskResult
 
@@ -160,27 +160,32 @@ def _gathered(stimuli: StimulusSet) -> StimulusSet:
     return gathered
 
 
-@dataclass(frozen=True)
 class _Progress:
-    """Tells how many stimuli are done; of a slow renderer, how many pictures."""
+    """Counts pictures: those that a slow renderer has made, else those that are poured."""
 
-    tasks: dict[str, StimulusTask]
-    """Those that are not done yet, by their names."""
-    total: int
-    slow: bool
-    report: Report
+    def __init__(self, tasks: Sequence[StimulusTask], slow: bool, report: Report) -> None:
+        self._tasks = {task.id: task for task in tasks}
+        self._slow, self._report = slow, report
+        self._total = sum(task.picture_count for task in tasks)
+        self._under_way = 0
 
     def tell(self) -> None:
-        tasks = self.tasks.values()
-        if self.slow:
+        tasks = self._tasks.values()
+        if self._slow:
             left = sum(task.picture_count - task.pictures_done for task in tasks)
-            self.report("rendering pictures", self.total - left, self.total)
-        else:
-            self.report("making stimuli", self.total - len(tasks), self.total)
+            self._report("rendering pictures", self._total - left, self._total)
+            return
+        left = sum(task.picture_count for task in tasks)
+        self._report(
+            "pouring pictures", self._total - left + min(left, self._under_way), self._total
+        )
 
-    def heartbeat(self, _simulations: int, _seconds: float) -> None:
-        if self.slow:
-            self.tell()
+    def heartbeat(self, poured: int, _seconds: float) -> None:
+        self._under_way += poured
+        self.tell()
+
+    def done(self, name: str) -> None:
+        self._under_way = max(0, self._under_way - self._tasks.pop(name).picture_count)
 
 
 def _driven(
@@ -188,15 +193,12 @@ def _driven(
 ) -> StimulusSet:
     """Do tasks, and list each stimulus as soon as it is there."""
     slow = stimuli.manifest.settings.renderer.slow
-    total = sum(task.picture_count for task in tasks) if slow else len(tasks)
-    progress = _Progress({task.id: task for task in tasks}, total, slow, report)
+    progress = _Progress(tasks, slow, report)
     progress.tell()
-    results = (
-        executor.run(tasks, progress.heartbeat) if executor else (task.run() for task in tasks)
-    )
+    results = (executor or InProcessExecutor()).run(tasks, progress.heartbeat)
     failures: list[TaskResult] = []
     for result in results:
-        progress.tasks.pop(result.task)
+        progress.done(result.task)
         if result.outcome != "done":
             failures.append(result)
         else:

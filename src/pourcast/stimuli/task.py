@@ -16,7 +16,7 @@ from pourcast.stimuli.manifest import Stimulus, StimulusRequest, checksum
 from pourcast.stimuli.recording import RecordedPour, load_pour, save_pour
 from pourcast.stimuli.renderers.base import picture_file
 from pourcast.stimuli.settings import StimulusSettings
-from pourcast.sweep.task import OnWork, TaskResult, told
+from pourcast.sweep.task import OnWork, TaskResult, no_work, told
 
 WORK = "work"
 """Folder of what is not finished."""
@@ -75,12 +75,15 @@ class StimulusTask:
         """Pictures that a slow renderer has made so far."""
         return sum(picture_file(self.work, k).is_file() for k in range(self.picture_count))
 
-    def run(self, on_work: OnWork | None = None) -> TaskResult:
-        """Make the stimulus, from where it stopped; never raises an ordinary error."""
+    def run(self, on_work: OnWork = no_work) -> TaskResult:
+        """Make the stimulus, from where it stopped; never raises an ordinary error.
+
+        What is told of as simulations are moments of the pour, one a picture.
+        """
         try:
             self.work.mkdir(parents=True, exist_ok=True)
             with FileLock(self.folder / WORK / f"{self.id}.lock", blocking=False):
-                self._make()
+                self._make(on_work)
         except Timeout:
             return TaskResult(self.id, "busy")
         except (InputError, StoreError, OSError) as error:
@@ -89,9 +92,9 @@ class StimulusTask:
             return TaskResult(self.id, "failed", told(error))
         return TaskResult(self.id, "done")
 
-    def _make(self) -> None:
+    def _make(self, on_work: OnWork) -> None:
         request, settings = self.request, self.settings
-        pour = self._pour()
+        pour = self._pour(on_work)
         picture = settings.renderer.picture_maker(
             request.scene, request.liquid, pour, self.work, threads=self.core_count
         )
@@ -102,7 +105,10 @@ class StimulusTask:
             for suffix in (".mp4", ".webm") if settings.webm else (".mp4",):
                 made.append(self.folder / f"{self.id}{suffix}")
                 with replacing(made[-1]) as temporary:
-                    write_film(temporary, picture, self.picture_count, self._metadata())
+                    write_film(
+                        temporary, picture, self.picture_count, self._metadata(),
+                        threads=self.core_count,
+                    )  # fmt: skip
         stimulus = Stimulus(
             scene=request.scene.digest,
             liquid=request.liquid.name,
@@ -116,8 +122,15 @@ class StimulusTask:
         write_text(self.entry, stimulus.model_dump_json() + "\n")
         shutil.rmtree(self.work)
 
-    def _pour(self) -> RecordedPour:
+    def _pour(self, on_work: OnWork) -> RecordedPour:
         """The pour, from an earlier try if there was one."""
+        told = 0
+
+        def report(_what: str, done: int, _total: int) -> None:
+            nonlocal told
+            on_work(done - told, 0.0)
+            told = done
+
         path = self.work / "pour.npz"
         if path.is_file():
             kept = load_pour(path)
@@ -128,6 +141,7 @@ class StimulusTask:
             self.request.liquid,
             self.picture_count / FRAME_RATE,
             threads=self.core_count,
+            report=report,
         )
         if self.settings.renderer.slow:
             save_pour(path, pour)

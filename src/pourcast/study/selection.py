@@ -9,6 +9,8 @@ says of it: `FilteredScenes`, or `ContrastingScenes` on which two models disagre
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter
 from typing import Protocol
 
 import numpy as np
@@ -16,12 +18,13 @@ from numpy.typing import NDArray
 
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
+from pourcast.prediction import JudgmentRequest, judge_together
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import WATER, resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.simulation.memory import REMEMBERED, outcomes_of
 from pourcast.simulation.pour import Pour
-from pourcast.simulation.run import simulate
 
 BATCH = 64
 """Scenes that are drawn and simulated together."""
@@ -65,11 +68,16 @@ class CoarseFilter:
 
     def keeps(self, scenes: Sequence[Scene]) -> list[bool]:
         """Simulate scenes, and say which are kept."""
-        pours = [Pour(scene, WATER, self.n_particles, self.damping_zeta) for scene in scenes]
+        pours = [self.pour(scene, WATER) for scene in scenes]
+        ends = outcomes_of(pours, attrgetter("stranded", "touched"), memory=REMEMBERED)
         return [
-            outcome.stranded <= self.max_stranded and outcome.touched >= self.min_touched
-            for outcome in simulate(pours)
+            stranded <= self.max_stranded and touched >= self.min_touched
+            for stranded, touched in ends
         ]
+
+    def pour(self, scene: Scene, liquid: Liquid) -> Pour:
+        """The coarse run of a scene."""
+        return Pour(scene, liquid, self.n_particles, self.damping_zeta)
 
 
 CONTRAST_FILTER = CoarseFilter(min_touched=0.5)
@@ -251,10 +259,10 @@ class ContrastingScenes(SceneChoice):
             raise InputError(f"candidates: expected at least {count} (the scenes wanted)")
         pool = filtered_scenes(family, self.candidates, seed, rule=self.rule, report=report)
         liquids = [resolve_liquid(name, pool.scenes[0]) for name in self.screens]
-        screened = np.array([_screen(pool.scenes, one, self.rule, report) for one in liquids])
+        screened = np.array(_screen(pool.scenes, liquids, self.rule, report))
         wanted = min(round(self.confirm_factor * count), self.candidates)
         scenes = [pool.scenes[k] for k in choose_contrast(screened[0], screened[1], wanted)]
-        confirmed = np.array([_confirm(scenes, name, report) for name in self.models])
+        confirmed = np.array(_confirm(scenes, self.models, report))
         chosen = choose_contrast(confirmed[0], confirmed[1], count)
         order = np.random.default_rng(seed).permutation(chosen)
         return Selection(
@@ -262,26 +270,32 @@ class ContrastingScenes(SceneChoice):
             pool.drawn,
             pool.kept,
             correlated=self.models,
-            correlation=float(np.corrcoef(confirmed[:, chosen])[0, 1]),
-            pool_correlation=float(np.corrcoef(screened)[0, 1]),
+            correlation=float(np.corrcoef(*confirmed[:, chosen])[0, 1]),
+            pool_correlation=float(np.corrcoef(*screened)[0, 1]),
         )
 
 
 def _screen(
-    scenes: Sequence[Scene], liquid: Liquid, rule: CoarseFilter, report: Report
-) -> list[float]:
-    def progress(done: int, total: int) -> None:
-        report(f"screening with {liquid.name}", done, total)
+    scenes: Sequence[Scene], liquids: Sequence[Liquid], rule: CoarseFilter, report: Report
+) -> list[NDArray[np.float64]]:
+    """Judgments of coarse runs, an array a liquid; the filter's runs are remembered."""
+    words = f"screening with {' and '.join(liquid.name for liquid in liquids)}"
+    judgments = outcomes_of(
+        [rule.pour(scene, liquid) for liquid in liquids for scene in scenes],
+        attrgetter("judgment"),
+        memory=REMEMBERED,
+        progress=partial(report, words),
+    )
+    return np.split(np.array(judgments), len(liquids))
 
-    pours = [Pour(scene, liquid, rule.n_particles, rule.damping_zeta) for scene in scenes]
-    return [outcome.judgment for outcome in simulate(pours, progress=progress)]
 
-
-def _confirm(scenes: Sequence[Scene], name: str, report: Report) -> NDArray[np.float64]:
-    def progress(done: int, total: int) -> None:
-        report(f"confirming with {name}", done, total)
-
-    return make_model(name).judge(scenes, WATER, progress=progress)
+def _confirm(
+    scenes: Sequence[Scene], names: Sequence[str], report: Report
+) -> list[NDArray[np.float64]]:
+    """Judgments of models, an array a model."""
+    requests = [JudgmentRequest(name, make_model(name), scenes, WATER) for name in names]
+    words = f"confirming with {' and '.join(names)}"
+    return judge_together(requests, 0, report=lambda _, *count: report(words, *count))
 
 
 def choose_contrast(

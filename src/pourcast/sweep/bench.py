@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pourcast.engine.batch import Job, Stepping, available_cores, run_batch
+from pourcast.engine.batch import available_cores, run_batch
+from pourcast.engine.job import Job, Stepping
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
+from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.engine.simd import LANES
-from pourcast.engine.solids import Solids, pack_solids
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene import Scene

@@ -10,11 +10,11 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.simulation.settings import EngineSettings, Kind
 
 _LIQUID_STEP_MS = {
-    15: 0.00023, 25: 0.0004, 50: 0.00115, 100: 0.0041, 200: 0.0143, 300: 0.0326,
-    1000: 0.119, 2000: 0.251,
+    15: 0.00023, 25: 0.0004, 50: 0.00115, 100: 0.0035, 200: 0.0085, 300: 0.014,
+    1000: 0.065, 2000: 0.165,
 }  # fmt: skip
 _MARBLE_STEP_MS = {15: 0.0006, 25: 0.00097, 50: 0.0025, 100: 0.0072, 200: 0.023, 300: 0.05}
-"""Milliseconds of one core for a step of one simulation among 16, by the number of
+"""Milliseconds of one core for a step of one simulation among many, by the number of
 particles (`docs/explanation/speed.md`)."""
 
 

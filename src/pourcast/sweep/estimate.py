@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pourcast.engine.batch import available_cores
-from pourcast.engine.neighbours import ALL_PAIRS_LIMIT
+from pourcast.engine.block import lanes_worth
 from pourcast.engine.simd import LANES
 from pourcast.progress import Report, no_report
 from pourcast.sweep.plan import Plan, Shard, Span, trajectory_bytes
@@ -234,7 +234,9 @@ def _factor(group: Group, factors: dict[Group, float]) -> float:
 
 def _sample_size(part: Part) -> int:
     """Settings in scenes to try: a full set of the engine's lanes, or two where it has none."""
-    least = LANES if part.group[1] <= ALL_PAIRS_LIMIT else 2
+    kind, count, _ = part.group
+    lockstep = lanes_worth(count, "marbles" if kind == "marbles" else "liquid") <= LANES
+    least = LANES if lockstep else 2
     return int(np.clip(_SAMPLE_SECONDS * part.pairs / part.seconds, least, _LARGEST_SAMPLE))
 
 

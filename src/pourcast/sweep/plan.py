@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.models.base import SimulationModel
+from pourcast.models.base import averages_pours
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
@@ -300,6 +300,6 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
 def _needed(point: GridPoint, scene: Scene, own: Sequence[Liquid]) -> tuple[list[Setting], str]:
     """Settings of a model for scenes like this one, and the trial's liquid."""
     liquid, model = resolve_liquid(point.liquid, scene, own), point.model
-    if isinstance(model, SimulationModel) and model.same_pours_everywhere:
+    if averages_pours(model) and model.same_pours_everywhere:
         return [PourSetting.of(pour) for pour in model.pours(scene, liquid)], liquid.name
     return [JudgeSetting(point.family, model, liquid, point.seed)], liquid.name

@@ -13,7 +13,7 @@ from pourcast.extras import optional_module
 from pourcast.sweep.executors import Executor
 from pourcast.sweep.executors.in_process import InProcessExecutor
 from pourcast.sweep.plan import Plan, Shard
-from pourcast.sweep.shard import run_shard, task_of
+from pourcast.sweep.shard import task_of
 from pourcast.sweep.store import Damage, Failure, Store
 from pourcast.sweep.survey import Survey, survey
 from pourcast.sweep.table import gather
@@ -247,7 +247,9 @@ def parse_part(text: str, shard_count: int) -> tuple[int, int]:
     return int(first), parts
 
 
-def run_part(plan: Plan, store: Store, part: int, parts: int) -> Iterator[TaskResult]:
+def run_part(
+    plan: Plan, store: Store, part: int, parts: int, report: SweepReport = no_sweep_report
+) -> Iterator[TaskResult]:
     """Do every `parts`-th shard from number `part` on, here and now; for a task of a job array.
 
     Shards are done one by one as the results are taken; a failure is kept at once.
@@ -260,11 +262,16 @@ def run_part(plan: Plan, store: Store, part: int, parts: int) -> Iterator[TaskRe
         Where results are kept.
     part, parts
         Which shards; with as many parts as there are shards it is just one.
+    report
+        Told of the progress.
     """
     store.prepare()
     left = _repaired(plan, store, plan.shards[part::parts]).left
+    tally = _Tally(left, report)
+    tally.tell()
     for shard in left:
-        result = run_shard(task_of(plan, shard, store.folder))
+        result = task_of(plan, shard, store.folder).run(tally.tell)
+        tally.done(shard)
         if result.outcome == "failed":
             store.keep_failure(Failure(result.task, 1, result.message))
         yield result

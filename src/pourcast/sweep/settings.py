@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from functools import cache, cached_property
 from typing import Any
 
-from pourcast.models.base import Model, SimulationModel, choices_of
+from pourcast.models.base import Model, SimulationModel, averages_pours, choices_of
 from pourcast.scenes.goals.base import Goal
 from pourcast.scenes.liquids.base import RESERVED, Liquid
 from pourcast.scenes.liquids.registry import known_liquids
@@ -128,8 +128,8 @@ class JudgeSetting:
         return "model", getattr(self.model, "n_particles", 0), self.name
 
     def pours_in(self, scene: Scene) -> list[Pour]:
-        """Pours in a scene that the judgment is the mean of; none if the model doesn't pour."""
-        if isinstance(self.model, SimulationModel):
+        """Pours in a scene that the judgment is the mean of; none if it judges otherwise."""
+        if averages_pours(self.model):
             return self.model.pours(scene, self.liquid, self.seed)
         return []
 

@@ -62,7 +62,7 @@ def _over_draws(table: pa.Table) -> tuple[NDArray[np.int64], NDArray[np.float64]
     ends = np.append(first[1:], len(judgments))
     means = judgments[first].copy()
     for k in np.flatnonzero(ends - first > 1):
-        # The same sum as in `SimulationModel.judge`, to the last digit.
+        # The same sum as in `means_over_pours`, to the last digit.
         means[k] = np.mean(judgments[first[k] : ends[k]])
     return first, means
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import count, islice
 from pathlib import Path
 
@@ -81,12 +82,14 @@ def drawn_scenes(folder: Path, draws: Draws, count: int, report: Report = no_rep
         If a file is damaged or can't be written.
     """
     scenes: list[Scene] = []
+    words = f"drawing {draws.stream} scenes"
     for place, size in enumerate(_piece_sizes(count)):
-        report(f"drawing {draws.stream} scenes", len(scenes), count)
+        before = len(scenes)
+        report(words, before, count)
         path = folder / draws.name / f"{place:04d}.json"
         piece = read_scenes(path) if path.is_file() else []
         if len(piece) < size:
-            piece = _piece(draws, place, size)
+            piece = _piece(draws, place, size, partial(_tell_piece, report, words, before, count))
             write_scenes(path, piece)
         scenes += piece[:size]
     return scenes
@@ -97,13 +100,19 @@ def _piece_sizes(count: int) -> Iterator[int]:
         yield min(PIECE, count - first)
 
 
-def _piece(draws: Draws, place: int, size: int) -> list[Scene]:
+def _tell_piece(
+    report: Report, words: str, before: int, count: int, _words: str, done: int, _size: int
+) -> None:
+    report(words, before + done, count)
+
+
+def _piece(draws: Draws, place: int, size: int, report: Report) -> list[Scene]:
     experiment = EXPERIMENTS.get(draws.experiment)
     family, rule = experiment.family, experiment.choice.rule
     words = [draws.seed, _STREAMS[draws.stream], place]
     seed = int(np.random.SeedSequence(words).generate_state(1)[0])
     if draws.filtered:
-        found = filtered_scenes(family, size, seed, rule=rule).scenes
+        found = filtered_scenes(family, size, seed, rule=rule, report=report).scenes
     else:
         found = _plain(family, size, seed)
     return [

@@ -8,20 +8,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pourcast.engine.smoothing import NORMALISATION, weight
-from pourcast.models.ife import IntuitiveFluidsEngine
 from pourcast.pictures.drawing import draw_scene, draw_start
 from pourcast.pictures.panels import draw_pour, draw_predicted_paths
 from pourcast.pictures.predictions import (
     PredictedPaths,
     PredictedPour,
-    make_prediction,
-    predict_pour,
+    make_predictions,
+    predict_pours,
 )
 from pourcast.pictures.style import BLUE, PAGE, RC, new_figure
 from pourcast.pictures.video import FRAME_RATE
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import WATER, resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import Pour
 from pourcast.simulation.settings import EngineSettings
 
 PARTICLE_COUNTS = (15, 50, 100, 200)
@@ -58,22 +58,22 @@ def particle_engine(
         The study's own liquids.
     """
     shown = [*((liquids[0], n) for n in PARTICLE_COUNTS), *((name, 50) for name in liquids[1:])]
-    settings = EngineSettings(max_duration=_MOMENT)
+    pours = {
+        f"{liquid}, N = {count}": Pour(scene, resolve_liquid(liquid, scene, own), count)
+        for liquid, count in shown
+    }
+    poured = predict_pours(pours, settings=EngineSettings(max_duration=_MOMENT)).values()
     with mpl.rc_context(RC):
         figure = new_figure(PAGE, 2.1)
-        panels = figure.subplots(1, len(shown) + 1, width_ratios=[1.25] + [1.0] * len(shown))
+        panels = figure.subplots(1, len(poured) + 1, width_ratios=[1.25] + [1.0] * len(poured))
         distance = np.linspace(0.0, 1.0, 101)
         values = [NORMALISATION * weight(max(0.0, 1.0 - q)) for q in distance]
         panels[0].plot(distance, values, color=BLUE)
         panels[0].set(xlabel="r / support radius", ylabel="kernel W", title="Wendland C2")
-        for axes, (liquid, count) in zip(panels[1:], shown, strict=True):
-            label = f"{liquid}, N = {count}"
-            model = IntuitiveFluidsEngine(n_particles=count, damping_zeta=0.0, zeta_sigma=0)
-            poured = resolve_liquid(liquid, scene, own)
-            pour = predict_pour(scene, label, model, poured, settings=settings)
+        for axes, pour in zip(panels[1:], poured, strict=True):
             draw_scene(axes, scene)
             _draw_particles(axes, scene, pour)
-            axes.set_title(label, fontsize=7)
+            axes.set_title(pour.name, fontsize=7)
             axes.set_xlabel(f"{_MOMENT:g} s", fontsize=7)
     return figure
 
@@ -93,11 +93,11 @@ def heuristics(scene: Scene) -> Figure:
         "SimpleSim, m = 0.1, g = 0.5": "simple:g=0.5,m=0.1,m_sigma=0",
         "MarbleSim, N = 25": "marble:n_particles=25,damping_zeta=2,zeta_sigma=0",
     }
+    predictions = make_predictions(scene, list(panels_of.values()), WATER)
     with mpl.rc_context(RC):
         figure = new_figure(PAGE, 2.9)
         panels = figure.subplots(1, len(panels_of))
-        for axes, (label, spec) in zip(panels, panels_of.items(), strict=True):
-            one = make_prediction(scene, spec, WATER)
+        for axes, label, one in zip(panels, panels_of, predictions, strict=True):
             draw_scene(axes, scene)
             if isinstance(one, PredictedPaths):
                 draw_predicted_paths(axes, scene, one)

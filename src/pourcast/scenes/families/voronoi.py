@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.spatial import Voronoi
 
 from pourcast.scenes.geometry import Polygon
 from pourcast.scenes.goals.basins import Basins
@@ -108,6 +107,8 @@ def bounded_voronoi(
     list of Polygon
         The cells, counter-clockwise, coordinates rounded to 1e-6 m.
     """
+    from scipy.spatial import Voronoi  # noqa: PLC0415 - slow to import
+
     size = np.array([width, height])
     seeds = rng.uniform((0.0, 0.0), size, (count, 2))
     # Mirror images of the seeds make the border an edge of the tessellation.

@@ -3,9 +3,11 @@
 import multiprocessing
 import os
 import pickle
+import signal
 import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -50,7 +52,8 @@ class LocalExecutor:
             self._seen = done
 
         def submit(task: Task) -> Future[TaskResult]:
-            return self._pool.schedule(_work, args=(pickle.dumps(task),))
+            with _uninterrupted():
+                return self._pool.schedule(_work, args=(pickle.dumps(task),))
 
         # One more than there are workers, so that nobody waits for the next.
         yield from run_futures(submit, tasks, lambda: self.workers + 1, beat)
@@ -59,6 +62,22 @@ class LocalExecutor:
         """End the workers at once; what they were at is lost, and nothing else."""
         self._pool.stop()  # type: ignore[no-untyped-call]
         self._pool.join()
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Block Ctrl-C in this thread, and in processes that it starts.
+
+    A terminal sends it to all of them, and one that is just starting would answer with a traceback.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(counters: Any) -> None:
