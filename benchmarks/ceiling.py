@@ -70,7 +70,8 @@ def build(folder: Path) -> dict[str, Path]:
 def run_ceiling(program: Path, count: int, steps: int) -> tuple[float, float, float]:
     """Processor seconds of the C++ program for `SCENES` simulations; mean x and y at their end."""
     data = program.with_name(f"scenes-{count}.txt")
-    data.write_text(numbers(undamped_jobs(count)[0], obstacle_courses(SCENES)))
+    if not data.exists():
+        data.write_text(numbers(undamped_jobs(count)[0], obstacle_courses(SCENES)))
     run = subprocess.run(
         [str(program), str(data), str(steps)], check=True, capture_output=True, text=True
     )

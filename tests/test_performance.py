@@ -204,7 +204,7 @@ def test_a_batch_holds_of_each_pour_its_start_its_end_and_what_is_recorded(
         pours = [Pour(ramp_scene(), WATER, n, kind=kind)] * count
         simulate(pours[:2], settings=settings)
         tracemalloc.start()
-        simulate(pours, settings=settings, record=record)
+        simulate(pours, settings=settings, record=record, threads=1)
         held = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return held
