@@ -53,7 +53,7 @@ def test_the_package_alone_is_imported_at_first():
 PARSING = {"typer", "pydantic", "pydantic-core"}
 """What reads a command line; Typer hands arguments to pydantic."""
 
-SCENES = PARSING | {"numpy", "shapely"}
+SCENES = PARSING | {"numpy", "shapely", "platformdirs"}
 
 EVERY_HELP = """
 import typer
