@@ -9,6 +9,7 @@ import shapely
 from pourcast.engine import block, sph
 from pourcast.engine.batch import _broad_phase_of
 from pourcast.engine.pairs import empty_pairs
+from pourcast.engine.simd import LANES
 from pourcast.scenes.goals.basins import Basins
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.scenes.scene import Box, LiquidStart, Scene
@@ -26,8 +27,8 @@ def test_energy_never_grows_in_200_scenes():
     scenes = random_scenes(200)
     settings = EngineSettings()
     largest = 0.0
-    for first in range(0, len(scenes), 16):
-        pours = [Pour(scene, WATER, 30) for scene in scenes[first : first + 16]]
+    for first in range(0, len(scenes), LANES):
+        pours = [Pour(scene, WATER, 30) for scene in scenes[first : first + LANES]]
         solids, indices = _solids_of(pours)
         jobs = [_job(p, k, settings) for p, k in zip(pours, indices, strict=True)]
         with ThreadPoolExecutor(1) as pool:
