@@ -24,7 +24,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from benchmarks import ceiling, peers
-from pourcast.engine.batch import available_cores, run_batch
+from pourcast.cores import available_cores
+from pourcast.engine.batch import run_batch
 from pourcast.engine.block import lanes_worth
 from pourcast.engine.simd import LANES
 from pourcast.simulation.settings import EngineSettings, Kind

@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.engine.batch import available_cores
+from pourcast.cores import available_cores
 from pourcast.prediction import predict
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene

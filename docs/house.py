@@ -15,7 +15,7 @@ import grimp
 APART = ("networks.training",)
 """Rooms in rooms that stand elsewhere in the house."""
 
-GROUND = ("errors", "extras", "files", "frozen", "progress", "registry", "tables")
+GROUND = ("cores", "errors", "extras", "files", "frozen", "progress", "registry", "tables")
 """Single files that everybody may use: the ground floor."""
 
 

@@ -8,7 +8,8 @@ from benchmarks import __main__ as benchmark
 from benchmarks import ceiling
 
 from pourcast import cli
-from pourcast.engine.batch import Stepping, available_cores
+from pourcast.cores import available_cores
+from pourcast.engine.job import Stepping
 from pourcast.engine.simd import LANES
 from pourcast.sweep import bench, latency, machine
 from pourcast.sweep.grid import parse_grid

@@ -6,7 +6,8 @@ import threading
 import numpy as np
 import pytest
 
-from pourcast.engine.batch import available_cores, run_batch
+from pourcast.cores import available_cores
+from pourcast.engine.batch import run_batch
 from pourcast.engine.block import Block
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.errors import InputError, SimulationDivergedError

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
-from pourcast.engine import batch, clusters
+from pourcast.engine import batch, block, clusters
 from pourcast.engine.block import Simulation, SingleLiquid
 from pourcast.engine.simd import LANES
 from tests.make import job, random_scenes
@@ -98,6 +98,7 @@ def test_lists_hold_all_that_is_near_in_the_order_of_numbers(count):
 @pytest.mark.parametrize("members", [2, 3])
 def test_a_team_of_threads_has_the_same_bits(monkeypatch, members):
     monkeypatch.setattr(clusters, "PARTICLES_A_MEMBER", 40)
+    monkeypatch.setattr(block, "available_cores", lambda: members)
     scenes = random_scenes(2, seed=6)
     pours = [Pour(scenes[0], WATER, 170), Pour(scenes[1], HONEY_EXP1, 120, 3.0)]
     for pour in pours:
@@ -110,6 +111,7 @@ def test_a_team_of_threads_has_the_same_bits(monkeypatch, members):
 
 def test_threads_without_simulations_of_their_own_help_with_the_others(monkeypatch):
     joined = []
+    monkeypatch.setattr(block, "available_cores", lambda: 3)
     join = SingleLiquid.join
     monkeypatch.setattr(SingleLiquid, "join", lambda single: joined.append(single) or join(single))
     simulate([Pour(random_scenes(1)[0], WATER, 400)], settings=SHORT, threads=3)

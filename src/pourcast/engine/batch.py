@@ -8,7 +8,6 @@ in a block, they go on one by one, on whatever threads are free; several threads
 A simulation's result has the same bits alone, in any batch and on any number of threads.
 """
 
-import os
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -18,6 +17,7 @@ from functools import partial
 
 import numpy as np
 
+from pourcast.cores import available_cores
 from pourcast.engine.block import (
     Block,
     Kind,
@@ -253,11 +253,6 @@ class _Work:
 
 def _take_from(waiting: deque[Simulation], count: int) -> list[Simulation]:
     return [waiting.popleft() for _ in range(min(count, len(waiting)))]
-
-
-def available_cores() -> int:
-    """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _broad_phase_of(

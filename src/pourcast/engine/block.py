@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pourcast.cores import available_cores
 from pourcast.engine import clusters, rigid, sph
 from pourcast.engine.diagnostics import (
     GAINS_ENERGY,
@@ -397,7 +398,8 @@ class SingleLiquid(Single):
         It isn't where other programs keep the processor from threads that the others wait for.
         """
         members = 1 + len(self.helpers) + len(self._joining)
-        return members < clusters.most_members(self.count) and not self._is_slowed
+        most = min(clusters.most_members(self.count), available_cores())
+        return members < most and not self._is_slowed
 
     @property
     def _is_slowed(self) -> bool:

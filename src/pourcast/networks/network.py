@@ -243,7 +243,7 @@ class Network:
         ndarray
             Shape [scene_count, 2].
         """
-        from pourcast.engine.batch import available_cores  # noqa: PLC0415 - loads Numba
+        from pourcast.cores import available_cores  # noqa: PLC0415 - loads Numba
 
         self._check_goals(scenes)
         pairs = np.empty((len(scenes), 2))

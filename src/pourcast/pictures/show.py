@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pourcast.engine.batch import available_cores
+from pourcast.cores import available_cores
 from pourcast.errors import InputError
 from pourcast.files import check_writable, replacing
 from pourcast.pictures.panels import FilmFigure, film_figure, moments_figure, scene_figure

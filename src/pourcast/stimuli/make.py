@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from pourcast.engine.batch import available_cores
+from pourcast.cores import available_cores
 from pourcast.errors import InputError, StoreError
 from pourcast.files import finished_files
 from pourcast.progress import Report, no_report

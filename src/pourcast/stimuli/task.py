@@ -8,7 +8,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 from PIL import Image
 
-from pourcast.engine.batch import available_cores
+from pourcast.cores import available_cores
 from pourcast.errors import InputError, StoreError
 from pourcast.files import replacing, write_text
 from pourcast.pictures.video import FRAME_RATE, write_film

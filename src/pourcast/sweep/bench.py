@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pourcast.engine.batch import available_cores, run_batch
+from pourcast.cores import available_cores
+from pourcast.engine.batch import run_batch
 from pourcast.engine.job import Job, Stepping
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
 from pourcast.engine.polygons import Solids, pack_solids

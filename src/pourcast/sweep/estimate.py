@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pourcast.engine.batch import available_cores
+from pourcast.cores import available_cores
 from pourcast.engine.block import lanes_worth
 from pourcast.engine.simd import LANES
 from pourcast.progress import Report, no_report

@@ -7,7 +7,7 @@ from pathlib import Path
 import llvmlite.binding
 import numba
 
-from pourcast.engine.batch import available_cores
+from pourcast.cores import available_cores
 from pourcast.engine.simd import LANES
 
 _VECTORS = {

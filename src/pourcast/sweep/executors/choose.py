@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pourcast.engine.batch import available_cores
+from pourcast.cores import available_cores
 from pourcast.errors import InputError, unknown
 from pourcast.sweep.executors import Executor, dask
 from pourcast.sweep.executors.local import LocalExecutor
