@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator
 
+from pourcast.cores import available_cores
 from pourcast.errors import InputError, one_line, unknown
 from pourcast.extras import optional_module
 from pourcast.files import replacing, write_text
@@ -243,8 +244,6 @@ class Network:
         ndarray
             Shape [scene_count, 2].
         """
-        from pourcast.cores import available_cores  # noqa: PLC0415 - loads Numba
-
         self._check_goals(scenes)
         pairs = np.empty((len(scenes), 2))
         alone = partial(torch_module().set_num_threads, 1)
