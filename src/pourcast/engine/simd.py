@@ -402,10 +402,10 @@ else:
                 builder.call(write, [pointer])
             elif platform.machine() in ("aarch64", "arm64"):
                 word = ir.IntType(64)
-                mode = builder.asm(ir.FunctionType(word, []), "mrs $0, fpcr", "=r", [], True)
-                mode = builder.or_(mode, ir.Constant(word, _FPCR_FZ))
-                write = ir.FunctionType(ir.VoidType(), [word])
-                builder.asm(write, "msr fpcr, $0", "r", [mode], True)
+                read = _intrinsic_function(builder, "llvm.aarch64.get.fpcr", word, [])
+                write = _intrinsic_function(builder, "llvm.aarch64.set.fpcr", ir.VoidType(), [word])
+                mode = builder.or_(builder.call(read, []), ir.Constant(word, _FPCR_FZ))
+                builder.call(write, [mode])
             return context.get_dummy_value()
 
         return types.void(), generate
