@@ -1,33 +1,40 @@
 """A ceiling for the engine: the same work in C++ with vector extensions (`ceiling.cpp`).
 
-Contacts included. Needs g++.
+Contacts included. Needs g++ or clang++; of several programs the fastest counts.
 """
 
 import shutil
 import subprocess
+import time
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
+import llvmlite.binding
 import numpy as np
 
-from pourcast.engine.batch import Job, Stepping, run_batch
+from pourcast.engine.batch import run_batch
+from pourcast.engine.job import Job, Stepping
 from pourcast.engine.polygons import Solids
-from pourcast.engine.simd import LANES
 from pourcast.sweep.bench import DURATION, PAPER_STEP, obstacle_courses, undamped_jobs
+from pourcast.sweep.machine import vector_instructions
 
+SCENES = 16
+"""Simulations of a run, whatever the number of lanes; `ceiling.cpp` has it too."""
 STEPS = round(DURATION / PAPER_STEP)
 STEPPING = Stepping(PAPER_STEP, 200)
-FLAGS = ["-O3", "-march=native", "-fno-math-errno", "-ffp-contract=fast", "-std=c++17"]
+COMPILERS = ("g++", "clang++")
+FLAGS = ("-O3", "-fno-math-errno", "-ffp-contract=fast", "-std=c++17")
 
 
 def numbers(job: Job, solids: Solids) -> str:
-    """Input of the C++ program: box, liquid, start, and the polygons of the first 16 scenes."""
+    """Input of the C++ program: box, liquid, start, and the polygons of each scene."""
     values = [
         len(job.position), job.width, job.depth, job.radius, job.support_radius,
         job.reference_density, job.sound_speed, job.viscosity_alpha, job.gravity, PAPER_STEP,
         *job.position.ravel(),
     ]  # fmt: skip
-    for scene in range(LANES):
+    for scene in range(SCENES):
         polygons = range(solids.scene_start[scene], solids.scene_start[scene + 1])
         values.append(len(polygons))
         for polygon in polygons:
@@ -39,21 +46,32 @@ def numbers(job: Job, solids: Solids) -> str:
     return "\n".join(f"{float(value):.9g}" for value in values)
 
 
-def build(folder: Path) -> Path | None:
-    """Compile the ceiling, or return None where there is no compiler."""
-    compiler = shutil.which("g++")
-    if compiler is None:
-        return None
-    program = folder / "ceiling"
-    source = Path(__file__).with_name("ceiling.cpp")
-    subprocess.run([compiler, *FLAGS, str(source), "-o", str(program)], check=True)
-    return program
+def build(folder: Path) -> dict[str, Path]:
+    """Programs by compiler and lanes, for the vectors that our kernels use too.
+
+    None without a compiler. Eight lanes of AVX-512 leave more pairs out than sixteen.
+    """
+    vectors = vector_instructions()
+    has_more = bool(llvmlite.binding.get_host_cpu_features().get("avx512f"))
+    if vectors == "AVX2" and has_more:
+        target = "-march=haswell"  # the machine is taken for a lesser one
+    else:
+        target = "-mcpu=native" if vectors == "NEON" else "-march=native"
+    lanes = {"AVX-512": (16, 8), "AVX2": (8,), "AVX": (8,)}.get(vectors, (4,))
+    source, programs = Path(__file__).with_name("ceiling.cpp"), {}
+    for compiler, count in product(filter(shutil.which, COMPILERS), lanes):
+        program = folder / f"ceiling-{compiler}-{count}"
+        command = [compiler, *FLAGS, target, f"-DLANES={count}", str(source), "-o", str(program)]
+        subprocess.run(command, check=True, capture_output=True)
+        programs[f"{compiler}, {count} lanes"] = program
+    return programs
 
 
 def run_ceiling(program: Path, count: int, steps: int) -> tuple[float, float, float]:
-    """Seconds that the C++ program takes for 16 simulations; mean x and y at their end."""
-    data = program.with_name(f"block-{count}.txt")
-    data.write_text(numbers(undamped_jobs(count)[0], obstacle_courses(LANES)))
+    """Processor seconds of the C++ program for `SCENES` simulations; mean x and y at their end."""
+    data = program.with_name(f"scenes-{count}.txt")
+    if not data.exists():
+        data.write_text(numbers(undamped_jobs(count)[0], obstacle_courses(SCENES)))
     run = subprocess.run(
         [str(program), str(data), str(steps)], check=True, capture_output=True, text=True
     )
@@ -61,14 +79,12 @@ def run_ceiling(program: Path, count: int, steps: int) -> tuple[float, float, fl
     return seconds, mean_x, mean_y
 
 
-def ceiling_speed(program: Path, count: int) -> float:
-    """Simulations of `DURATION` per second on one core; the better of two runs."""
-    return LANES / min(run_ceiling(program, count, STEPS)[0] for _ in range(2))
-
-
-def mean_place(count: int, duration: float) -> tuple[float, float]:
-    """Mean x and y of the same 16 simulations in the engine, to see that both do the same."""
-    jobs = [replace(job, duration=duration) for job in undamped_jobs(count, LANES)]
-    ends = run_batch(jobs, obstacle_courses(LANES), STEPPING)
+def run_engine(count: int, steps: int) -> tuple[float, float, float]:
+    """The same of the engine, on one thread."""
+    duration = steps * PAPER_STEP
+    jobs = [replace(job, duration=duration) for job in undamped_jobs(count, SCENES)]
+    start = time.process_time()
+    ends = run_batch(jobs, obstacle_courses(SCENES), STEPPING, threads=1)
+    seconds = time.process_time() - start
     x, y, _ = np.mean([end.position for end in ends], axis=(0, 1))
-    return float(x), float(y)
+    return seconds, float(x), float(y)

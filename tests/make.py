@@ -7,6 +7,7 @@ from pourcast.engine import sph
 from pourcast.engine.batch import run_batch
 from pourcast.engine.block import fill_lane
 from pourcast.engine.job import Job, Result, Stepping
+from pourcast.engine.pairs import empty_pairs, list_pairs
 from pourcast.engine.polygons import Solids, pack_solids
 from pourcast.engine.smoothing import GRADIENT_FACTOR
 from pourcast.engine.state import LaneParameters, State, empty_parameters, empty_state
@@ -98,7 +99,9 @@ def loaded_block(jobs: list[Job], step: float) -> tuple[State, LaneParameters]:
 def forces_of(one: Job) -> tuple[Array, Array]:
     """Accelerations [count, 3] and densities over rest density by the lockstep kernels."""
     state, lanes = loaded_block([one], 1e-4)
-    sph.find_forces(state, lanes)
+    pairs = empty_pairs(len(one.position))
+    list_pairs(state, lanes, pairs)
+    sph.find_forces(state, lanes, pairs)
     return state.acceleration[:, :, 0].T.astype(float), state.density[:, 0].astype(float)
 
 

@@ -1,28 +1,11 @@
 """What is compiled, and how often."""
 
 import gc
-import json
-import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 from pourcast.engine.compile import Kernel, allocating_kernel, kernel
-
-CODE = """
-import json
-from numba.core import event
-from pourcast.engine.polygons import pack_solids
-from pourcast.engine.solids import signed_distance
-from pourcast.engine.compile import kernel_cache_dir
-square = pack_solids([[(((0, 0), (1, 0), (1, 1), (0, 1)), False)]])
-with event.install_recorder("numba:compile") as compiled:
-    distance = signed_distance(0.5, 1.5, 0, square)
-files = [path.name for path in kernel_cache_dir().rglob("*.nbc")]
-print(json.dumps([distance, len(compiled.buffer), files]))
-"""
 
 
 @kernel
@@ -65,18 +48,3 @@ def test_a_kernel_that_kernels_call_has_machine_code_once_python_calls_it():
 def test_garbage_is_searched_for_again_after_compiling():
     double(np.ones(2, np.float32))
     assert gc.isenabled()
-
-
-@needs_compiler
-def test_only_what_python_calls_is_kept_and_is_not_compiled_again(tmp_path):
-    def run():
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-        command = [sys.executable, "-c", CODE]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        return json.loads(done.stdout)
-
-    distance, compiled, files = run()
-    assert distance == 0.5
-    assert compiled > 0
-    assert [name.startswith("solids.signed_distance") for name in files] == [True]
-    assert run() == [0.5, 0, files]

@@ -12,6 +12,7 @@ import pytest
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.engine import sph
 from pourcast.engine.compile import kernel
+from pourcast.engine.pairs import empty_pairs
 from pourcast.engine.solids import BroadPhase, build_broad_phase
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.study.selection import filtered_scenes
@@ -52,7 +53,7 @@ def test_the_package_alone_is_imported_at_first():
 PARSING = {"typer", "pydantic", "pydantic-core"}
 """What reads a command line; Typer hands arguments to pydantic."""
 
-SCENES = PARSING | {"numpy", "shapely"}
+SCENES = PARSING | {"numpy", "shapely", "platformdirs"}
 
 EVERY_HELP = """
 import typer
@@ -127,6 +128,7 @@ FIRST_DISTANCES = """
 import numpy as np
 from pourcast.engine.polygons import pack_solids
 from pourcast.engine.smoothing import weight
+from pourcast.engine.pairs import empty_pairs
 from pourcast.engine.solids import grid_index, obstacle_distances
 solids = pack_solids([[(np.array([[0.2, 0.2], [0.8, 0.2], [0.5, 0.9]]), False)]])
 distances = obstacle_distances(np.array([[0.5, 0.5]]), 0, solids)
@@ -202,7 +204,7 @@ def test_a_batch_holds_of_each_pour_its_start_its_end_and_what_is_recorded(
         pours = [Pour(ramp_scene(), WATER, n, kind=kind)] * count
         simulate(pours[:2], settings=settings)
         tracemalloc.start()
-        simulate(pours, settings=settings, record=record)
+        simulate(pours, settings=settings, record=record, threads=1)
         held = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return held
@@ -244,13 +246,14 @@ def test_the_engine_needs_few_cycles_a_pair():
     cells = BroadPhase(*build_broad_phase(solids, np.tile([1.0, 1.5], (16, 1)), 0.03, 0, 16))
     state, lanes = loaded_block(bench.undamped_jobs(count, 16), 2e-4)
     block = (state, lanes, solids, cells, 2e-4)
+    pairs = empty_pairs(count)
     chain(1.0, 10)
     ratios = []
     for _ in range(10):
         times = [time.process_time()]
         chain(1.0, links)
         times.append(time.process_time())
-        sph.advance(*block, steps)
+        sph.advance(*block, steps, pairs)
         times.append(time.process_time())
         link, pair = np.diff(times) / (links, steps * 16 * count * (count - 1) / 2)
         ratios.append(pair / link)

@@ -20,6 +20,7 @@ from pourcast.engine.diagnostics import (
 )
 from pourcast.engine.job import Job, Stepping
 from pourcast.engine.packing import pack_cylinder, reference_density, spacing_of
+from pourcast.engine.pairs import empty_pairs
 from pourcast.engine.simd import LANES
 from pourcast.engine.solids import BroadPhase, build_broad_phase
 from pourcast.errors import InputError, SimulationDivergedError
@@ -92,14 +93,17 @@ def test_the_other_lanes_go_on_right_beside_a_broken_one(kind, value):
     state, lanes = loaded_block(jobs, STEP)
     cells = BroadPhase(*build_broad_phase(NO_SOLIDS, np.array([[1.0, 1.5]]), 0.1, 0, 1))
     found = empty_diagnostics()
-    sph.find_density(state, lanes)
+    sph.find_density(state, lanes, empty_pairs(len(state.density)))
     if kind == "marbles":
         state.density[:] = 1.0
     measure(state, lanes, 0.0, 12, False, found)
     found.least_energy[:] = np.where(np.isfinite(found.energy), found.energy, 0.0)
     found.allowed_gain[:] = 0.5
-    module = rigid if kind == "marbles" else sph
-    module.advance(state, lanes, NO_SOLIDS, cells, STEP, FRAME.steps_per_frame)
+    arguments = (state, lanes, NO_SOLIDS, cells, STEP, FRAME.steps_per_frame)
+    if kind == "marbles":
+        rigid.advance(*arguments)
+    else:
+        sph.advance(*arguments, empty_pairs(12))
     assert not measure_and_check(state, lanes, STEP, 12, False, found)
     assert found.verdict[1] != SOUND
     assert (np.delete(found.verdict, 1) == SOUND).all()
@@ -128,7 +132,7 @@ def verdict_on(change, *, gravity=9.81) -> int:
     jobs = [packed(20, gravity=gravity) for _ in range(3)]
     state, lanes = loaded_block(jobs, STEP)
     found = empty_diagnostics()
-    sph.find_density(state, lanes)
+    sph.find_density(state, lanes, empty_pairs(len(state.density)))
     measure(state, lanes, 0.0, 20, False, found)
     found.least_energy[:] = found.energy
     energy = float(found.energy[1])
@@ -209,7 +213,7 @@ def test_energy_is_what_plain_sums_say():
 
     for case in (one, moving, squeezed):
         state, lanes = loaded_block([case], STEP)
-        sph.find_density(state, lanes)
+        sph.find_density(state, lanes, empty_pairs(len(state.density)))
         found = empty_diagnostics()
         measure(state, lanes, 0.0, 40, False, found)
         velocity = np.zeros((40, 3)) if case.velocity is None else case.velocity
@@ -219,7 +223,7 @@ def test_energy_is_what_plain_sums_say():
 def test_a_single_simulation_is_measured_as_the_same_in_lockstep():
     one = with_speed(packed(310), 100, 3.0, 1)
     state, lanes = loaded_block([one], STEP)
-    sph.find_density(state, lanes)
+    sph.find_density(state, lanes, empty_pairs(len(state.density)))
     lockstep = empty_diagnostics()
     measure(state, lanes, 0.0, 310, False, lockstep)
     single = SingleLiquid(310)

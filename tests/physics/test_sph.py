@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.spatial import KDTree
 
-from pourcast.engine import smoothing
+from pourcast.engine import smoothing, sph
 from pourcast.engine.batch import run_batch
 from pourcast.engine.job import Job, Stepping
+from pourcast.engine.pairs import empty_pairs, have_moved
 from tests.make import (
     NO_SOLIDS,
     block,
@@ -14,6 +16,7 @@ from tests.make import (
     forces_of,
     job,
     lattice_density,
+    loaded_block,
     oracle_density,
     oracle_forces,
     run_one,
@@ -160,3 +163,31 @@ def test_a_column_on_a_side_wall_does_not_stand():
     end = run_one(job(stack, reference_density=1.8), 2e-4, 1.5)
     assert end.position[:, 1].max() < 0.06
     assert end.position[:, 0].max() > 0.1
+
+
+def test_pairs_far_in_every_lane_are_left_out_and_no_others():
+    rng = np.random.default_rng(8)
+    jobs = [
+        job(place, support_radius=0.13)
+        for place in (rng.uniform(0, 1, (3, 40, 3)) * [1.0, 1.5, 0.148]).astype(np.float32)
+    ]
+    state, lanes = loaded_block(jobs, 1e-4)
+    state.position[..., len(jobs) :] = np.arange(40)[:, None]  # nobody, all over the place
+    pairs = empty_pairs(40)
+    sph.find_density(state, lanes, pairs)
+
+    def listed(start, earlier):
+        return {(i, int(j)) for i in range(40) for j in earlier[start[i] : start[i + 1]]}
+
+    def within(reach):
+        near = [KDTree(one.position).query_pairs(reach) for one in jobs]
+        return {(j, i) for i, j in set().union(*near)}
+
+    assert listed(pairs.near_start, pairs.near_earlier) == within(0.13)
+    assert within(0.13) <= listed(pairs.start, pairs.earlier) <= within(0.13 * 1.16)
+    assert len(within(0.13)) < 200
+    assert not have_moved(state, lanes, pairs)
+    state.position[1] -= 0.3
+    assert not have_moved(state, lanes, pairs)
+    state.position[0, 7, 2] += 0.6 * 0.15 * 0.13
+    assert have_moved(state, lanes, pairs)

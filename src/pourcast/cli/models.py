@@ -102,6 +102,9 @@ def bench(
     n_particles: Annotated[
         list[int] | None, typer.Option("-N", min=1, max=300, help="Number of particles; several.")
     ] = None,
+    latency: Annotated[
+        bool, typer.Option("--latency", help="Instead: how long one pour takes, start to answer.")
+    ] = False,
     plan: Annotated[
         Plan | None, typer.Option(help="Instead: how long a grid of simulations takes here.")
     ] = None,
@@ -111,26 +114,40 @@ def bench(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure how fast this machine simulates: ratios first, simulations of 4 s per second second.
+    """Measure how fast this machine simulates: batches, in under a minute; one pour; or a grid.
 
-    Example: pourcast bench --plan paper
+    Example: pourcast bench --latency
     """
+    from pourcast.errors import InputError
     from pourcast.sweep.bench import COUNTS, plan_table, speed_table
+    from pourcast.sweep.latency import latency_table
+    from pourcast.sweep.machine import describe_machine
 
+    if plan is not None and (latency or n_particles):
+        other = "--latency" if latency else "-N"
+        raise InputError(f"bench: expected --plan or {other}, found both")
+    machine = describe_machine()
     with progress_bar() as report:
-        if plan is None:
-            table = speed_table(n_particles or COUNTS, report)
-        else:
+        if plan is not None:
             table = plan_table(share, seed, report)
+        elif latency:
+            table = latency_table(n_particles or COUNTS, report)
+        else:
+            table = speed_table(n_particles or COUNTS, report)
     if as_json:
-        print_json(records(table.reset_index()))
+        print_json({"machine": machine, "table": records(table.reset_index())})
         return
+    typer.echo(", ".join(f"{what}: {value}" for what, value in machine.items()) + "\n")
     print_table(table.reset_index().set_index(table.index.names[0]))
     if plan is not None:
         typer.echo(
             f"\n{table['simulations'].sum()} simulations: {table['minutes'].sum():.0f} minutes "
             f"on this machine (measured on {table['run'].sum()} of them)"
         )
+    elif latency:
+        typer.echo("\nOn all cores; without what the first run of a process loads or compiles.")
+    else:
+        typer.echo("\nSimulations of 4 s per second, contacts included.")
 
 
 @app.command(name="list")

@@ -204,6 +204,7 @@ def compare_study(
 
     judged = study_judgments(study, scenes)
     people = compared([*specs, stimulus.NAME])
+    report("comparing: single participants", 0, 1)
     individuals = agreement.individuals(people, settings)
     tables = _tables(people, judged, settings, individuals, report)
     if options.bayes:

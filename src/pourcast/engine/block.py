@@ -26,6 +26,7 @@ from pourcast.engine.diagnostics import (
     measure_and_check,
 )
 from pourcast.engine.job import Job, Result, Stepping
+from pourcast.engine.pairs import empty_pairs
 from pourcast.engine.polygons import Solids
 from pourcast.engine.simd import LANES
 from pourcast.engine.smoothing import GRADIENT_FACTOR
@@ -304,17 +305,21 @@ class Lockstep(Block):
 
     def __init__(self, count: int, kind: Kind) -> None:
         super().__init__(count, count, kind)
+        self._pairs = empty_pairs(count if kind == "liquid" else 0)
 
     def particles_of(self, array: NDArray[Any], lane: int) -> NDArray[Any]:
         """View of a field of `State` for the simulation in a lane."""
         return array[..., lane]
 
     def _find_density(self) -> None:
-        sph.find_density(self.state, self.parameters)
+        sph.find_density(self.state, self.parameters, self._pairs)
 
     def _advance(self, *arguments: Any) -> None:
-        advance = rigid.advance if self.kind == "marbles" else sph.advance
-        advance(*arguments)
+        if self.kind == "marbles":
+            rigid.advance(*arguments)
+        else:
+            advance: Any = sph.advance
+            advance(*arguments, self._pairs)
 
 
 class Single(Block):

@@ -23,6 +23,7 @@ from pourcast.engine.contact import collide_with_box, collide_with_polygons
 from pourcast.engine.equation_of_state import pressure_term
 from pourcast.engine.integrator import integrate
 from pourcast.engine.momentum import pair_push
+from pourcast.engine.pairs import MARGIN, moved_since
 from pourcast.engine.simd import (
     LANES,
     any_less,
@@ -38,8 +39,9 @@ from pourcast.engine.simd import (
     store,
     sum_lanes,
 )
-from pourcast.engine.smoothing import dot, one_minus_q_of, weight
+from pourcast.engine.smoothing import add_weight, dot, gradient, one_minus_q_of
 from pourcast.engine.solids import grid_index
+from pourcast.engine.state import vectors
 from pourcast.engine.team import add_one, read, yield_processor
 from pourcast.engine.walls import wall_density, wall_push
 
@@ -51,9 +53,6 @@ PARTICLES_A_MEMBER = 150
 
 _LOOKS = 200
 """Looks for the others before the processor is left to them."""
-
-_MARGIN = 0.999
-"""Share of the skin that may be used up, for rounding errors."""
 
 
 class Clusters(NamedTuple):
@@ -71,6 +70,8 @@ class Clusters(NamedTuple):
     """Number of partners within the support radius of any particle of the cluster."""
     near_partner: NDArray[np.int32]
     """Those, when the density was last summed, shape [cluster_count, particle_count]."""
+    slope: NDArray[np.float32]
+    """(1 - q)^3 of them, shape [cluster_count, particle_count, LANES]."""
     listed: NDArray[np.float32]
     """Positions when the lists were made [m], shape [3, cluster_count, LANES]."""
     low: NDArray[np.float32]
@@ -103,7 +104,8 @@ def empty_clusters(count: int) -> Clusters:
         partner=np.zeros((rows, count), np.int32),
         near_count=np.zeros(rows, np.int64),
         near_partner=np.zeros((rows, count), np.int32),
-        listed=np.zeros((3, rows, LANES), np.float32),
+        slope=vectors(rows, count),
+        listed=vectors(3, rows),
         low=np.full((3, padded), np.inf, np.float32),
         high=np.full((3, padded), -np.inf, np.float32),
         marked=np.zeros((most_members(count), -(-count // 64)), np.int64),
@@ -233,7 +235,7 @@ def have_moved(state: Any, parameters: Any, clusters: Any) -> bool:
     rows, size = state.density.shape[0], state.density.size
     sum_x, sum_y, sum_z = splat(0.0), splat(0.0), splat(0.0)
     for row in range(rows):
-        moved_x, moved_y, moved_z = _moved(state, clusters, row)
+        moved_x, moved_y, moved_z = moved_since(state, clusters.listed, row)
         sum_x, sum_y, sum_z = sum_x + moved_x, sum_y + moved_y, sum_z + moved_z
     mean_x, mean_y, mean_z = (
         splat(sum_lanes(sum_x) / size),
@@ -242,21 +244,11 @@ def have_moved(state: Any, parameters: Any, clusters: Any) -> bool:
     )
     farthest = splat(0.0)
     for row in range(rows):
-        moved_x, moved_y, moved_z = _moved(state, clusters, row)
+        moved_x, moved_y, moved_z = moved_since(state, clusters.listed, row)
         dx, dy, dz = moved_x - mean_x, moved_y - mean_y, moved_z - mean_z
         farthest = maximum(farthest, dot(dx, dy, dz, dx, dy, dz))
-    allowed = _MARGIN * 0.5 * SKIN / parameters.inverse_support[0]
+    allowed = 0.5 * MARGIN * SKIN / parameters.inverse_support[0]
     return any_less(splat(allowed * allowed), farthest)
-
-
-@kernel
-def _moved(state: Any, clusters: Any, row: int) -> Any:
-    """Displacements of a row's particles since the lists were made [m]."""
-    return (
-        load(state.position[0], row) - load(clusters.listed[0], row),
-        load(state.position[1], row) - load(clusters.listed[1], row),
-        load(state.position[2], row) - load(clusters.listed[2], row),
-    )
 
 
 @kernel
@@ -269,6 +261,7 @@ def find_cluster_density(state: Any, parameters: Any, clusters: Any, begin: int,
     order, partner, near_partner = clusters.order, clusters.partner, clusters.near_partner
     inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
     scale = 1.0 / load(parameters.reference_density, 0)
+    pressure_factor = load(parameters.pressure_factor, 0)
     for cluster in range(begin, end):
         first, near_count = cluster * LANES, 0
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
@@ -277,12 +270,14 @@ def find_cluster_density(state: Any, parameters: Any, clusters: Any, begin: int,
             j = partner[cluster, k]
             dx, dy, dz = xi - splat(x[j]), yi - splat(y[j]), zi - splat(z[j])
             near = one_minus_q_of(dot(dx, dy, dz, dx, dy, dz), inverse_support, zero)
-            total = total + weight(near)
+            total = add_weight(total, near)
             near_partner[cluster, near_count] = j
+            store(clusters.slope[cluster], near_count, gradient(near))
             near_count += any_less(zero, near)
         clusters.near_count[cluster] = near_count
-        scatter(density, order, first, total * scale)
-        scatter(pressure, order, first, pressure_term(total * scale, zero))
+        total = total * scale
+        scatter(density, order, first, total)
+        scatter(pressure, order, first, pressure_factor * pressure_term(total, zero))
 
 
 @kernel
@@ -295,8 +290,6 @@ def find_cluster_forces(state: Any, parameters: Any, clusters: Any, begin: int, 
     x, y, z = position[0], position[1], position[2]
     u, v, w = velocity[0], velocity[1], velocity[2]
     order, near_partner = clusters.order, clusters.near_partner
-    inverse_support = load(parameters.inverse_support, 0)
-    pressure_factor = load(parameters.pressure_factor, 0)
     viscosity_factor = load(parameters.viscosity_factor, 0)
     separation_floor = load(parameters.separation_floor, 0)
     for cluster in range(begin, end):
@@ -310,9 +303,9 @@ def find_cluster_forces(state: Any, parameters: Any, clusters: Any, begin: int, 
             dx, dy, dz = xi - splat(x[j]), yi - splat(y[j]), zi - splat(z[j])
             du, dv, dw = ui - splat(u[j]), vi - splat(v[j]), wi - splat(w[j])
             push = pair_push(
-                dx, dy, dz, du, dv, dw,
+                dx, dy, dz, du, dv, dw, load(clusters.slope[cluster], k),
                 density_i + splat(density[j]), pressure_i + splat(pressure[j]),
-                inverse_support, pressure_factor, viscosity_factor, separation_floor,
+                viscosity_factor, separation_floor,
             )  # fmt: skip
             axi, ayi, azi = fma(push, dx, axi), fma(push, dy, ayi), fma(push, dz, azi)
         scatter(acceleration[0], order, first, axi)

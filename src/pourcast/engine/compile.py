@@ -1,84 +1,30 @@
-"""The one place that owns compiler options and the cache of compiled kernels."""
+"""The one place that owns compiler options.
+
+Kernels are compiled where they run. Shipped in wheels they would need one for each system, kind of
+processor, Python and Numba (whose cache is bound to all four, and to the folder), and would be made
+for the least of a kind of processor.
+"""
 
 import functools
 import gc
-import hashlib
-import io
-import os
-import tempfile
-import tokenize
-from collections.abc import Callable, Iterable
-from functools import cache
-from pathlib import Path
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numba
-import platformdirs
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
+from pourcast.engine.cache_folder import cache_folder
+
 F = TypeVar("F", bound=Callable[..., Any])
-
-
-def digest_of_sources(paths: Iterable[Path]) -> str:
-    """Short name of what source files do: comments, docstrings and blank lines don't count."""
-    digest = hashlib.sha256()
-    for path in sorted(paths):
-        digest.update(path.name.encode() + code_of(path.read_text(encoding="utf-8")).encode())
-    return digest.hexdigest()[:12]
-
-
-def code_of(source: str) -> str:
-    r"""Source code without comments, docstrings and blank lines.
-
-    Examples
-    --------
-    >>> code_of('def f(x):\n    "Twice."\n    return 2 * x  # see g\n').split("\n")
-    ['def f ( x ) :', '{', 'return 2 * x', '}']
-    """
-    code: list[str] = []
-    statement: list[tokenize.TokenInfo] = []
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type in (tokenize.INDENT, tokenize.DEDENT):
-            code.append("{" if token.type == tokenize.INDENT else "}")
-        elif token.type == tokenize.NEWLINE:
-            # What consists of strings alone is a docstring.
-            if any(part.type != tokenize.STRING for part in statement):
-                code.append(" ".join(part.string for part in statement))
-            statement = []
-        elif token.type not in (tokenize.COMMENT, tokenize.NL):
-            statement.append(token)
-    return "\n".join(code)
-
-
-@cache
-def kernel_cache_dir() -> Path:
-    """Folder of compiled kernels, named by a hash of every kernel source.
-
-    Numba notices an edit of the file that defines a function, but not of the
-    functions that it calls in other files. A folder per state of the sources
-    rules stale machine code out. `NUMBA_CACHE_DIR` is honoured as the parent;
-    where no cache folder can be written, a private temporary one serves.
-    """
-    package = Path(__file__).parents[1]
-    kernels = ("engine/*.py", "stimuli/lattice_boltzmann/*.py")
-    digest = digest_of_sources(path for pattern in kernels for path in package.glob(pattern))
-    parent = os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("pourcast")
-    folder = Path(parent) / f"kernels-{digest}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        writable = os.access(folder, os.W_OK)
-    except OSError:
-        writable = False
-    return folder if writable else Path(tempfile.mkdtemp(prefix="pourcast-kernels-"))
 
 
 class _CodeForCallers(JITCodeLibrary):  # type: ignore[misc]
     """Code of a kernel that other kernels call: machine code is made of it only within theirs.
 
     Numba makes machine code of every function by itself, and once more where it is called. The
-    first is half of the time that compiling takes, and nobody runs it.
+    first is a third of the time that compiling takes, and nobody runs it.
     """
 
     def finalize(self) -> None:
@@ -108,7 +54,7 @@ class _CompilerForCallers(Compiler):  # type: ignore[misc]
 
 
 class _CompilerForPython(Compiler):  # type: ignore[misc]
-    """Numba's compiler, not stopped by the search for garbage, which finds next to none."""
+    """Numba's compiler without the search for garbage: a seventh of the time, and next to none."""
 
     def compile_extra(self, func: Any) -> Any:
         """Compile a function and what it calls."""
@@ -137,7 +83,7 @@ class Kernel:
         self._for_kernels = compiled(pipeline_class=_CompilerForCallers, no_cpython_wrapper=True)(
             function
         )
-        users_dir, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(kernel_cache_dir())
+        users_dir, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
         try:
             self.for_python.enable_caching()
         finally:

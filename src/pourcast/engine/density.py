@@ -10,8 +10,8 @@ comes. Another path that keeps to this order, and leaves out what is 0, has the 
 from typing import Any
 
 from pourcast.engine.compile import kernel
-from pourcast.engine.simd import load, splat, store
-from pourcast.engine.smoothing import dot, one_minus_q_of, weight
+from pourcast.engine.simd import any_less, load, splat, store
+from pourcast.engine.smoothing import add_weight, dot, gradient, one_minus_q_of
 from pourcast.engine.walls import wall_density
 
 
@@ -25,20 +25,28 @@ def start_density(state: Any, parameters: Any) -> None:
 
 
 @kernel
-def add_pair_density(state: Any, parameters: Any) -> None:
-    """Add a particle's own weight, and those of all pairs, of simulations in lockstep."""
+def add_pair_density(state: Any, parameters: Any, pairs: Any) -> None:
+    """Add a particle's own weight and those of listed pairs, in lockstep; note which are near."""
     x, y, z = state.position[0], state.position[1], state.position[2]
-    density = state.density
+    density, slope = state.density, pairs.slope
     inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
+    near_count = 0
     for i in range(density.shape[0]):
+        pairs.near_start[i] = near_count
         xi, yi, zi = load(x, i), load(y, i), load(z, i)
         total = load(density, i)
-        for j in range(i):
+        earlier = pairs.earlier[pairs.start[i] : pairs.start[i + 1]]
+        for k in range(len(earlier)):
+            j = earlier[k]
             dx, dy, dz = xi - load(x, j), yi - load(y, j), zi - load(z, j)
-            share = weight(one_minus_q_of(dot(dx, dy, dz, dx, dy, dz), inverse_support, zero))
-            total = total + share
-            store(density, j, load(density, j) + share)
+            near = one_minus_q_of(dot(dx, dy, dz, dx, dy, dz), inverse_support, zero)
+            pairs.near_earlier[near_count] = j
+            store(slope, near_count, gradient(near))
+            near_count += any_less(zero, near)
+            total = add_weight(total, near)
+            store(density, j, add_weight(load(density, j), near))
         store(density, i, total + 1.0)
+    pairs.near_start[density.shape[0]] = near_count
 
 
 @kernel

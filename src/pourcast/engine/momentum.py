@@ -11,8 +11,8 @@ from typing import Any
 
 from pourcast.engine.compile import kernel
 from pourcast.engine.equation_of_state import pressure_term
-from pourcast.engine.simd import fma, fnma, load, splat, store
-from pourcast.engine.smoothing import dot, gradient, one_minus_q_of
+from pourcast.engine.simd import fma, fnma, load, minimum, splat, store
+from pourcast.engine.smoothing import dot
 from pourcast.engine.viscosity import approach_rate
 from pourcast.engine.walls import wall_push
 
@@ -20,9 +20,9 @@ from pourcast.engine.walls import wall_push
 @kernel
 def start_forces(state: Any, parameters: Any) -> None:
     """Pressure of each particle, and the walls' part of its acceleration."""
-    zero = splat(0.0)
+    zero, factor = splat(0.0), load(parameters.pressure_factor, 0)
     for row in range(state.density.shape[0]):
-        pressure = pressure_term(load(state.density, row), zero)
+        pressure = factor * pressure_term(load(state.density, row), zero)
         store(state.pressure, row, pressure)
         x, y = load(state.position[0], row), load(state.position[1], row)
         z = load(state.position[2], row)
@@ -34,30 +34,27 @@ def start_forces(state: Any, parameters: Any) -> None:
 
 @kernel
 def pair_push(
-    dx: Any, dy: Any, dz: Any, du: Any, dv: Any, dw: Any, densities: Any, pressures: Any,
-    inverse_support: Any, pressure_factor: Any, viscosity_factor: Any, separation_floor: Any,
+    dx: Any, dy: Any, dz: Any, du: Any, dv: Any, dw: Any, slope: Any,
+    densities: Any, pressures: Any, viscosity_factor: Any, separation_floor: Any,
 ) -> Any:  # fmt: skip
     """Acceleration of a particle by another, over the vector from the other to it.
 
-    From that vector, the relative velocity and the sums of the two densities and pressures.
+    From that vector, the relative velocity, (1 - q)^3 and the sums of the two densities and
+    pressures.
     """
-    zero = splat(0.0)
-    r2 = dot(dx, dy, dz, dx, dy, dz)
-    approach = dot(du, dv, dw, dx, dy, dz)
-    friction = approach_rate(approach, r2, densities, separation_floor, zero)
-    push = fnma(viscosity_factor, friction, pressure_factor * pressures)
-    return push * gradient(one_minus_q_of(r2, inverse_support, zero))
+    squared_distance = fma(dz, dz, fma(dy, dy, fma(dx, dx, separation_floor)))
+    approach = minimum(dot(du, dv, dw, dx, dy, dz), splat(0.0))
+    friction = approach_rate(approach, squared_distance, densities)
+    return fnma(viscosity_factor, friction, pressures) * slope
 
 
 @kernel
-def add_pair_forces(state: Any, parameters: Any) -> None:
-    """Pressure and artificial viscosity over all pairs of simulations in lockstep."""
+def add_pair_forces(state: Any, parameters: Any, pairs: Any) -> None:
+    """Pressure and artificial viscosity over the near pairs of simulations in lockstep."""
     x, y, z = state.position[0], state.position[1], state.position[2]
     u, v, w = state.velocity[0], state.velocity[1], state.velocity[2]
     ax, ay, az = state.acceleration[0], state.acceleration[1], state.acceleration[2]
     density, pressure = state.density, state.pressure
-    inverse_support = load(parameters.inverse_support, 0)
-    pressure_factor = load(parameters.pressure_factor, 0)
     viscosity_factor = load(parameters.viscosity_factor, 0)
     separation_floor = load(parameters.separation_floor, 0)
     for i in range(density.shape[0]):
@@ -65,13 +62,16 @@ def add_pair_forces(state: Any, parameters: Any) -> None:
         ui, vi, wi = load(u, i), load(v, i), load(w, i)
         density_i, pressure_i = load(density, i), load(pressure, i)
         axi, ayi, azi = load(ax, i), load(ay, i), load(az, i)
-        for j in range(i):
+        first, end = pairs.near_start[i], pairs.near_start[i + 1]
+        earlier, slope = pairs.near_earlier[first:end], pairs.slope[first:end]
+        for k in range(len(earlier)):
+            j = earlier[k]
             dx, dy, dz = xi - load(x, j), yi - load(y, j), zi - load(z, j)
             du, dv, dw = ui - load(u, j), vi - load(v, j), wi - load(w, j)
             push = pair_push(
-                dx, dy, dz, du, dv, dw,
+                dx, dy, dz, du, dv, dw, load(slope, k),
                 density_i + load(density, j), pressure_i + load(pressure, j),
-                inverse_support, pressure_factor, viscosity_factor, separation_floor,
+                viscosity_factor, separation_floor,
             )  # fmt: skip
             axi, ayi, azi = fma(push, dx, axi), fma(push, dy, ayi), fma(push, dz, azi)
             store(ax, j, fnma(push, dx, load(ax, j)))

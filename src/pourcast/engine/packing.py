@@ -8,11 +8,14 @@ apart until no pair is much closer than the others; and the kernel sum that
 counts as rest density is taken from the packing itself.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pourcast.engine.cache_folder import kept_array
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -57,6 +60,12 @@ def unit_cylinder_packing(count: int, aspect: float) -> NDArray[np.float64]:
     ndarray
         Centres, shape [count, 3]; the axis is z, from 0 to `aspect`. Read-only.
     """
+    made_by = "-".join(version(package) for package in ("numpy", "scipy"))
+    name = f"packing-{count}-{aspect!r}-{made_by}"
+    return kept_array(name, partial(_packing, count, aspect))
+
+
+def _packing(count: int, aspect: float) -> NDArray[np.float64]:
     rng = np.random.default_rng(np.random.SeedSequence([count, 0x706F7572]))
     sample_count = max(4000, _SAMPLES_PER_PARTICLE * count)
     distance, angle = np.sqrt(rng.random(sample_count)), 2 * np.pi * rng.random(sample_count)
@@ -73,7 +82,6 @@ def unit_cylinder_packing(count: int, aspect: float) -> NDArray[np.float64]:
     spacing = spacing_of(count, 1.0, aspect)
     for _ in range(_PUSH_ITERATIONS):
         centres = _inside(centres + _push(centres, aspect, spacing), aspect, spacing)
-    centres.setflags(write=False)
     return centres
 
 

@@ -49,6 +49,13 @@ def weight(one_minus_q: Any) -> Any:
 
 
 @kernel
+def add_weight(total: Any, one_minus_q: Any) -> Any:
+    """A sum, and `weight` from max(1 - q, 0) more, rounded once."""
+    square = one_minus_q * one_minus_q
+    return fma(square * square, fnma(4.0, one_minus_q, 5.0), total)
+
+
+@kernel
 def gradient(one_minus_q: Any) -> Any:
     """Gradient of W over r_vec without its factor, (1 - q)^3, from max(1 - q, 0)."""
     return one_minus_q * one_minus_q * one_minus_q

@@ -8,15 +8,12 @@ for approaching pairs, 0 otherwise.
 from typing import Any
 
 from pourcast.engine.compile import kernel
-from pourcast.engine.simd import minimum
 
 
 @kernel
-def approach_rate(
-    approach: Any, squared_distance: Any, densities: Any, separation_floor: Any, zero: Any
-) -> Any:
-    """Pi_ij over - 2 alpha c h: negative for approaching pairs, 0 for others.
+def approach_rate(approach: Any, squared_distance: Any, densities: Any) -> Any:
+    """Pi_ij over - 2 alpha c h.
 
-    From v_ij . r_ij, r_ij^2, the sum of the two densities and 0.01 h^2.
+    From min(v_ij . r_ij, 0), r_ij^2 + 0.01 h^2 and the sum of the two densities.
     """
-    return minimum(approach, zero) / ((squared_distance + separation_floor) * densities)
+    return approach / (squared_distance * densities)

@@ -29,16 +29,15 @@ def wall_density(x: Any, y: Any, z: Any, parameters: Any) -> Any:
 def wall_push(pressure: Any, x: Any, y: Any, z: Any, parameters: Any) -> Any:
     """Acceleration [m/s^2] along the three axes by mirror images in the walls."""
     inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
-    factor = load(parameters.pressure_factor, 0)
     width, depth, ceiling = (
         load(parameters.width, 0),
         load(parameters.depth, 0),
         load(parameters.ceiling, 0),
     )
     return (
-        factor * image_push(pressure, x, width - x, inverse_support, zero),
-        factor * image_push(pressure, y, ceiling - y, inverse_support, zero),
-        factor * image_push(pressure, z, depth - z, inverse_support, zero),
+        image_push(pressure, x, width - x, inverse_support, zero),
+        image_push(pressure, y, ceiling - y, inverse_support, zero),
+        image_push(pressure, z, depth - z, inverse_support, zero),
     )
 
 
@@ -51,7 +50,7 @@ def image_density(below: Any, above: Any, inverse_support: Any, zero: Any) -> An
 
 @kernel
 def image_push(pressure: Any, below: Any, above: Any, inverse_support: Any, zero: Any) -> Any:
-    """Acceleration by the mirror image in the nearer of two walls, over the pressure factor."""
+    """Acceleration [m/s^2] by the mirror image in the nearer of two walls."""
     gap = minimum(below, above)
     size = 4.0 * pressure * gap * gradient(maximum(fnma(2.0 * gap, inverse_support, 1.0), zero))
     return where_less(above, below, zero - size, size)

@@ -9,7 +9,9 @@ import ast
 import hashlib
 import importlib
 import importlib.util
+import io
 import sys
+import tokenize
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -61,10 +63,31 @@ def read_source(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
+def code_of(source: str) -> str:
+    r"""Source code without comments, docstrings and blank lines.
+
+    Examples
+    --------
+    >>> code_of('def f(x):\n    "Twice."\n    return 2 * x  # see g\n').split("\n")
+    ['def f ( x ) :', '{', 'return 2 * x', '}']
+    """
+    code: list[str] = []
+    statement: list[tokenize.TokenInfo] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type in (tokenize.INDENT, tokenize.DEDENT):
+            code.append("{" if token.type == tokenize.INDENT else "}")
+        elif token.type == tokenize.NEWLINE:
+            # What consists of strings alone is a docstring.
+            if any(part.type != tokenize.STRING for part in statement):
+                code.append(" ".join(part.string for part in statement))
+            statement = []
+        elif token.type not in (tokenize.COMMENT, tokenize.NL):
+            statement.append(token)
+    return "\n".join(code)
+
+
 @cache
 def _digest_of(path: Path, *, words: bool) -> str:
-    from pourcast.engine.compile import code_of  # noqa: PLC0415 - loads Numba
-
     source = read_source(path)
     code = code_of(source if words else _without_words(source))
     return hashlib.sha256(code.encode()).hexdigest()
