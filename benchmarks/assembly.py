@@ -41,10 +41,10 @@ _JUMP = re.compile(r"(?:j\w+|b(?:\.\w+)?|cbn?z\s+\w+,|tbn?z\s+\w+,\s*#\w+,)\s+(\
 
 @dataclass(frozen=True)
 class Loop:
-    """The innermost loop that takes a square root."""
+    """The innermost loop that takes a square root or divides."""
 
     pairs: int
-    """Vectors of pairs that it looks at: it takes a square root of each."""
+    """Vectors of pairs that it looks at: it does so once for each, or both."""
     instructions: int
     from_stack: int
     to_stack: int
@@ -58,7 +58,7 @@ class Loop:
 
 
 def hot_loop(assembly: str) -> Loop:
-    """Find the innermost loop that takes a square root, in code with LLVM's comments."""
+    """Find the innermost loop that takes a square root or divides, in LLVM's commented code."""
     code: list[str] = []
     label_at: dict[str, int] = {}
     loops: list[tuple[int, int]] = []
@@ -71,15 +71,23 @@ def hot_loop(assembly: str) -> Loop:
                 loops.append((label_at[jump[1]], len(code)))
             code.append(text)
     bodies = [code[start : end + 1] for start, end in loops]
-    body = min((b for b in bodies if any("sqrt" in line for line in b)), key=len)
+    body = min((body for body in bodies if _slow_count(body)), key=len)
     on_stack = [line for line in body if _STACK.search(line)]
     to_stack = [line for line in on_stack if "Spill" in line]
     return Loop(
-        pairs=sum("sqrt" in line for line in body),
+        pairs=_slow_count(body),
         instructions=len(body),
         from_stack=len(on_stack) - len(to_stack),
         to_stack=len(to_stack),
         scalars=sum(_is_scalar(line) for line in body),
+    )
+
+
+def _slow_count(body: list[str]) -> int:
+    """Square roots or divisions of vectors, whatever there are more of."""
+    return max(
+        sum(bool(re.match(rf"v?{name}ps|f{name}\s+v", line)) for line in body)
+        for name in ("sqrt", "div")
     )
 
 
@@ -92,14 +100,15 @@ def _is_scalar(line: str) -> bool:
 
 def kernels() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     """The kernels with loops over pairs, and arguments for them."""
-    from pourcast.engine import clusters, density, momentum, rigid
+    from pourcast.engine import clusters, density, momentum, pairs, rigid
     from pourcast.engine.state import empty_parameters, empty_state
 
     block = (empty_state(1), empty_parameters())
+    lockstep = (*block, pairs.empty_pairs(1))
     one = (*block, clusters.empty_clusters(1), 0, 1)
     return {
-        "lockstep, density": (density.add_pair_density, block),
-        "lockstep, forces": (momentum.add_pair_forces, block),
+        "lockstep, density": (density.add_pair_density, lockstep),
+        "lockstep, forces": (momentum.add_pair_forces, lockstep),
         "lockstep, marbles": (rigid.collide_spheres, block),
         "single, density": (clusters.find_cluster_density, one),
         "single, forces": (clusters.find_cluster_forces, one),
