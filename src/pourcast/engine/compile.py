@@ -80,9 +80,10 @@ class Kernel:
         compiled = functools.partial(numba.njit, error_model="numpy", **options)
         self.for_python = compiled(pipeline_class=_CompilerForPython)(function)
         """Numba's dispatcher of what Python calls: shows types, LLVM's code and assembly."""
-        self._for_kernels = compiled(pipeline_class=_CompilerForCallers, no_cpython_wrapper=True)(
-            function
-        )
+        # Always inlined: a call would hand on all fields of all arrays by the stack.
+        self._for_kernels = compiled(
+            pipeline_class=_CompilerForCallers, no_cpython_wrapper=True, forceinline=True
+        )(function)
         users_dir, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
         try:
             self.for_python.enable_caching()
