@@ -203,7 +203,7 @@ def growth_costs() -> dict[int, float]:
     """Milliseconds per step and simulation against the number of particles, on one core."""
     found = {}
     for count in GROWTH_COUNTS:
-        batch = LANES if lanes_worth(count, "liquid") <= LANES else 1
+        batch = LANES if lanes_worth(count) <= LANES else 1
         jobs = [replace(job, duration=_GROWTH_DURATION) for job in undamped_jobs(count, batch)]
         run = [jobs, obstacle_courses(batch), ceiling.STEPPING]
         run_batch([replace(jobs[0], duration=1e-3)], *run[1:], threads=1)  # for the compiler

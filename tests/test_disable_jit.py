@@ -17,14 +17,14 @@ scene = read_scenes("examples/ramp.json")[0]
 scene = scene.model_copy(update={"liquid": scene.liquid.model_copy(update={"centre": (0.4, 0.945)})})
 settings = EngineSettings(max_duration=0.034)
 found = []
-batch.lanes_worth = lambda count, kind: 0.0
+batch.lanes_worth = lambda count: 0.0
 for pour in (
     Pour(scene, WATER, 4),
     Pour(scene, HONEY_EXP1, 4, 5.0),
     Pour(scene, WATER, 4, kind="marbles"),
 ):
     found.append(simulate([pour], settings=settings, threads=1)[0].position.tolist())
-batch.lanes_worth = lambda count, kind: np.inf
+batch.lanes_worth = lambda count: np.inf
 found.append(simulate([Pour(scene, WATER, 4)], settings=settings)[0].position.tolist())
 found.append([p.tolist() for p in make_model("simple:n_points=3,g=0.3").paths(scene)])
 solid = np.tril(np.ones((6, 9), dtype=bool), -5)[..., None].repeat(3, axis=2)
@@ -56,7 +56,7 @@ def tried(call):
     except SimulationDivergedError as error:
         found.append(str(error).split("; ")[0])
 for worth, kind in ((0.0, "liquid"), (np.inf, "liquid"), (0.0, "marbles")):
-    batch.lanes_worth = lambda count, kind, worth=worth: worth
+    batch.lanes_worth = lambda count, worth=worth: worth
     for value in (np.nan, np.inf, 1e30, 1e3, 0.1):
         velocity = np.zeros((5, 3), np.float32)
         velocity[2, 1] = value

@@ -269,24 +269,21 @@ def test_the_engine_needs_few_cycles_a_pair():
     assert found * links / pairs < allowed
 
 
-@pytest.mark.parametrize(("count", "worth"), [(50, 2.0), (200, 5.0)])
-def test_one_pour_costs_a_small_part_of_a_full_block(count, worth):
-    # Measured with 16 and 8 lanes: 6.0 and 4.5 for N = 50, 20 and 14 for N = 200.
-    block = running(Lockstep(count, "liquid"), count)
-    single = running(SingleLiquid(count), count)
-    assert lanes_worth(count, "liquid") > worth
-    assert worth * ratio(
-        lambda: single.advance(SOLIDS, CELLS, FRAME), lambda: block.advance(SOLIDS, CELLS, FRAME)
-    ) < 1.0  # fmt: skip
-
-
-def test_one_pour_of_marbles_costs_a_small_part_of_a_full_block():
-    # Measured with 16 and 8 lanes: 3.6 and 2.4.
-    block = running(Lockstep(50, "marbles"), 50)
-    single = running(SingleMarbles(50), 50)
-    assert ratio(
-        lambda: single.advance(SOLIDS, CELLS, FRAME), lambda: block.advance(SOLIDS, CELLS, FRAME)
-    ) < 0.7  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "single", "count"),
+    [
+        ("liquid", SingleLiquid, 50),
+        ("liquid", SingleLiquid, 200),
+        ("marbles", SingleMarbles, 50),
+    ],
+)
+def test_one_pour_costs_a_small_part_of_a_full_block(kind, single, count):
+    # Measured: 0.11 to 0.16 with 16 lanes, 0.24 to 0.29 with 8, 0.4 to 0.5 with 4.
+    block, one = running(Lockstep(count, kind), count), running(single(count), count)
+    found = ratio(
+        lambda: one.advance(SOLIDS, CELLS, FRAME), lambda: block.advance(SOLIDS, CELLS, FRAME)
+    )
+    assert found < {16: 0.3, 8: 0.5, 4: 0.8}[LANES]
 
 
 @pytest.mark.parametrize(("threads", "share"), [(1, 0.5), (2, 0.35)])
@@ -298,7 +295,7 @@ def test_blocks_in_lockstep_are_full_enough_to_be_worth_it(monkeypatch, threads,
         if isinstance(block, Lockstep):
             lanes.append(block.lanes)
             filled.append(len(block.simulations))
-            worth = lanes_worth(block.count, block.kind)
+            worth = lanes_worth(block.count)
             assert len(block.simulations) >= min(worth, LANES)
         advance(block, *arguments)
 

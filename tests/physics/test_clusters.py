@@ -22,7 +22,7 @@ SHORT = EngineSettings(max_duration=1.0)
 
 def always(monkeypatch, way: str) -> None:
     worth = {"lockstep": 0.0, "single": np.inf}[way]
-    monkeypatch.setattr(batch, "lanes_worth", lambda count, kind: worth)
+    monkeypatch.setattr(batch, "lanes_worth", lambda count: worth)
 
 
 def told(outcome) -> tuple[object, ...]:
@@ -68,7 +68,7 @@ def test_simulations_may_change_between_both_at_any_frame(counts, threads, worth
     with pytest.MonkeyPatch.context() as patch:
         always(patch, "single")
         expected = [told(o) for o in simulate(pours, settings=brief, record=True, threads=1)]
-        patch.setattr(batch, "lanes_worth", lambda count, kind: worth)
+        patch.setattr(batch, "lanes_worth", lambda count: worth)
         assert [
             told(o) for o in simulate(pours, settings=brief, record=True, threads=threads)
         ] == expected

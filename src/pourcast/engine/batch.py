@@ -225,7 +225,7 @@ class _Work:
         sharing = -(-self._worker_count // len(left))
         width = min(LANES, -(-len(queue.waiting) // sharing))
         block: Block
-        if width >= lanes_worth(count, kind):
+        if width >= lanes_worth(count):
             block = Lockstep(count, kind)
         else:
             block = SingleMarbles(count) if kind == "marbles" else SingleLiquid(count)
@@ -233,7 +233,7 @@ class _Work:
 
     def _run_block(self, queue: _Queue, block: Block, taken: list[Simulation]) -> None:
         batch, width = queue.batch, len(taken)
-        few = lanes_worth(batch.particle_count, batch.kind)
+        few = lanes_worth(batch.particle_count)
         while not self._stopped:
             if taken:
                 block.put(taken, batch.stepping.step)

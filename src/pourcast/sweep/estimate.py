@@ -234,9 +234,7 @@ def _factor(group: Group, factors: dict[Group, float]) -> float:
 
 def _sample_size(part: Part) -> int:
     """Settings in scenes to try: a full set of the engine's lanes, or two where it has none."""
-    kind, count, _ = part.group
-    lockstep = lanes_worth(count, "marbles" if kind == "marbles" else "liquid") <= LANES
-    least = LANES if lockstep else 2
+    least = LANES if lanes_worth(part.group[1]) <= LANES else 2
     return int(np.clip(_SAMPLE_SECONDS * part.pairs / part.seconds, least, _LARGEST_SAMPLE))
 
 
