@@ -79,11 +79,13 @@ def test_latency_is_measured_for_pours_and_predictions(monkeypatch, capsys):
     monkeypatch.setattr(latency, "PREDICTED", ("water-ife",))
     _, rows = printed(capsys, "--latency", "-N", "15")
     assert [(row["what"], row["N"]) for row in rows] == [
-        ("water", 15), ("honey", 15), ("marbles", 15), ("predict, water-ife", None),
+        ("water", 15), ("honey", 15), ("marbles", 15), ("predict, water-ife", 50),
     ]  # fmt: skip
     assert all(0 < row["least"] <= row["median [ms]"] <= row["greatest"] for row in rows)
     assert all(row["runs"] == 1 for row in rows)
     assert all(row["ends at [s]"] > 0.1 for row in rows[:3])
+    assert cli.run(["bench", "--latency", "-N", "15"]) == 0
+    assert "15.00" not in capsys.readouterr().out
 
 
 def test_runs_are_repeated_while_they_fit():

@@ -8,6 +8,7 @@ from itertools import count as counted
 import numpy as np
 import pandas as pd
 
+from pourcast.models.registry import make_model
 from pourcast.prediction import predict
 from pourcast.progress import Report, no_report
 from pourcast.scenes.families.voronoi import VoronoiFamily
@@ -70,10 +71,9 @@ def latency_table(counts: Sequence[int] = COUNTS, report: Report = no_report) ->
     for done, preset in enumerate(PREDICTED, start=len(cases)):
         report(f"predict, {preset}", done, total)
         taken = milliseconds(partial(_predict_next, scenes, preset), share)
-        rows.append(_row(f"predict, {preset}", np.nan, np.nan, taken))
-    table = pd.DataFrame(rows)
-    table["N"] = pd.Series([row["N"] for row in rows], dtype=object)  # whole numbers, or none
-    return table.set_index(["what", "N"])
+        count = make_model(preset).parameters()["n_particles"]
+        rows.append(_row(f"predict, {preset}", count, np.nan, taken))
+    return pd.DataFrame(rows).set_index(["what", "N"])
 
 
 def _pour_once(pour: Pour, ended: list[float]) -> None:
@@ -100,7 +100,7 @@ def _scene(number: int) -> Scene:
     return next(scene for scene in found if scene is not None)
 
 
-def _row(what: str, count: float, ended: float, taken: Sequence[float]) -> dict[str, object]:
+def _row(what: str, count: int, ended: float, taken: Sequence[float]) -> dict[str, object]:
     return {
         "what": what,
         "N": count,
