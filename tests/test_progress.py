@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from pourcast.cli import terminal
-from pourcast.progress import TimeLeft
+from pourcast.progress import TimeLeft, meanwhile
 
 
 def left_after(*seen, total=100):
@@ -111,3 +111,11 @@ def test_work_goes_on_if_nobody_reads_its_progress(monkeypatch):
     ended = Ended(3)
     terminal._print_lines(terminal._Work(), ended)
     assert len(ended.pauses) == 1
+
+
+def test_what_work_waits_for_is_said_while_it_does():
+    work = terminal._Work()
+    work.tell("judging: 0 of 12", 0, 12)
+    with meanwhile("compiling"):
+        assert work.line()[0].startswith("judging: 0 of 12 (compiling), ")
+    assert "(" not in work.line()[0]

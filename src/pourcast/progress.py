@@ -1,7 +1,8 @@
 """How long work tells of its progress, and how long it will still take."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 Progress = Callable[[int, int], None]
 """Called with how much is done, and how much there is; first before any of it is done."""
@@ -16,6 +17,24 @@ def no_report(what: str, done: int, total: int) -> None:
 
 def no_progress(done: int, total: int) -> None:
     """Tell nobody."""
+
+
+_meanwhile: list[str] = []
+
+
+@contextmanager
+def meanwhile(words: str) -> Iterator[None]:
+    """Something that work waits for, of which its own count says nothing."""
+    _meanwhile.append(words)
+    try:
+        yield
+    finally:
+        _meanwhile.remove(words)
+
+
+def waits_for() -> str:
+    """What work waits for now, in words; empty if for nothing that is known."""
+    return next(iter(_meanwhile[-1:]), "")
 
 
 _SHORTEST_MEASUREMENT = 1.0

@@ -35,7 +35,7 @@ def demo(
     out: Annotated[Path, typer.Option("--output", "-o", help="Folder to write to.")] = Path("demo"),
     as_json: JsonOption = False,
 ) -> None:
-    """Watch a pour, and read what every model says about it; takes under a minute.
+    """Watch a pour, and read what every model says about it; takes some seconds.
 
     Example: pourcast demo -o demo
     """

@@ -13,7 +13,7 @@ from typing import Any
 import typer
 
 from pourcast.cli.interruption import said_if_interrupted
-from pourcast.progress import Report, TimeLeft, duration_in_words
+from pourcast.progress import Report, TimeLeft, duration_in_words, waits_for
 
 FIRST_BAR = 1.0
 """Work that takes longer shows a bar on a terminal [s] ..."""
@@ -65,6 +65,7 @@ class _Work:
         """One line, and how much is done and how much there is."""
         with self._lock:
             (words, done, total), now = self._now, time.monotonic()
+            words += f" ({waiting})" if (waiting := waits_for()) else ""
             left = self._left.seconds(now)
         if left is None:
             return f"{words}, {duration_in_words(now - self._begin)} so far", done, total

@@ -16,6 +16,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 from pourcast.engine.cache_folder import cache_folder
+from pourcast.progress import meanwhile
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -61,7 +62,8 @@ class _CompilerForPython(Compiler):  # type: ignore[misc]
         was_on = gc.isenabled()
         gc.disable()
         try:
-            return super().compile_extra(func)
+            with meanwhile("compiling, the first time on this machine"):
+                return super().compile_extra(func)
         finally:
             if was_on:
                 gc.enable()

@@ -244,7 +244,7 @@ def _adhere(lane: int, links: int, scratch: Any, adhesion: float) -> None:
 
 @kernel
 def _relax(scratch: Any, flow: Any) -> None:
-    """Relax 16 cells side by side, in place; leaves their density and velocity in scratch."""
+    """Relax `LANES` cells side by side, in place; leaves their density and velocity in scratch."""
     zero = splat(0.0)
     excess, jx, jy, jz = zero, zero, zero, zero
     pxx, pyy, pzz, pxy, pxz, pyz = zero, zero, zero, zero, zero, zero
