@@ -1,6 +1,7 @@
 """The benchmark commands measure something, and count right."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -56,22 +57,44 @@ def test_speed_is_measured_for_liquid_and_marbles(monkeypatch, capsys):
     assert machine["processor"] in text
 
 
-def test_a_run_is_as_long_as_its_time_allows(monkeypatch):
-    durations = []
+@pytest.mark.parametrize(
+    ("of_a_run", "seconds", "frames"),
+    [(0.0, 0.1, (1, 1, 1)), (0.0, 7.001, (1, 10, 10)), (0.0, 1e6, (1, 400, 400)),
+     (0.9, 70.0, (1, 10, 52))],
+)  # fmt: skip
+def test_a_run_is_as_long_as_its_time_allows(monkeypatch, of_a_run, seconds, frames):
+    # A frame takes a tenth of a second, whatever the machine.
+    durations, now = [], [0.0]
 
     def run_batch(jobs, *_arguments, **_options):
         durations.append(jobs[0].duration)
+        now[0] += of_a_run + 0.1 * jobs[0].duration / 0.01
+        return [SimpleNamespace(time=job.duration) for job in jobs]
 
     monkeypatch.setattr(bench, "run_batch", run_batch)
-    # A frame takes a tenth of a second, whatever the machine.
-    clock = iter(np.repeat(np.arange(100) * 0.1, 2)[1:])
-    monkeypatch.setattr(bench.time, "perf_counter", lambda: next(clock))
+    monkeypatch.setattr(bench.time, "perf_counter", lambda: now[0])
     jobs, stepping = bench.undamped_jobs(15, LANES), Stepping(1e-3, 10)
-    for seconds, frames in ((0.1, 1), (6.0, 10), (1e6, 400)):
-        durations.clear()
-        found = bench.speeds(jobs, "liquid", stepping, 1, seconds)
-        assert len(found) == bench.RUNS
-        assert durations == pytest.approx([0.01] + [frames * 0.01] * bench.RUNS)
+    found = bench.speeds(jobs, "liquid", stepping, 1, seconds)
+    first, second, others = frames
+    run_frames = [first, second] + [others] * bench.RUNS
+    assert durations == pytest.approx([0.01 * count for count in run_frames])
+    simulated = LANES * others * stepping.frame
+    expected = simulated / bench.DURATION / (of_a_run + 0.1 * others)
+    assert found == pytest.approx(np.full(bench.RUNS, expected))
+
+
+def test_what_rests_before_a_run_ends_counts_as_long_as_it_ran(monkeypatch):
+    now = [0.0]
+
+    def run_batch(jobs, *_arguments, **_options):
+        now[0] += 1.0
+        return [SimpleNamespace(time=job.duration / 2) for job in jobs]
+
+    monkeypatch.setattr(bench, "run_batch", run_batch)
+    monkeypatch.setattr(bench.time, "perf_counter", lambda: now[0])
+    jobs = bench.undamped_jobs(15, LANES)
+    found = bench.speeds(jobs, "liquid", Stepping(1e-3, 10), 1, 1e9)
+    assert found == pytest.approx(np.full(bench.RUNS, LANES / 2))
 
 
 def test_latency_is_measured_for_pours_and_predictions(monkeypatch, capsys):

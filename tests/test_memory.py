@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pourcast import cli
+from pourcast.engine.packing import _packing, pack_cylinder, unit_cylinder_packing
 from pourcast.errors import ModelError, SimulationDivergedError
 from pourcast.models.base import SimulationModel
 from pourcast.models.registry import make_model
@@ -103,6 +104,26 @@ class UpsideDown(Basins):
 
     def holds(self, x, y):
         return not super().holds(x, y)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_numpys_numbers_decide_what_pythons_do(kind):
+    numpys = replace(POUR, offset=(kind(0.1), kind(0.0)), damping_zeta=kind(5.1))
+    pythons = replace(POUR, offset=(float(kind(0.1)), 0.0), damping_zeta=float(kind(5.1)))
+    ends = simulate([numpys, pythons])
+    assert ends[0].position.tobytes() == ends[1].position.tobytes()
+    step = kind(1 / 30 / 90)
+    one, other = EngineSettings(step=step), EngineSettings(step=float(step))
+    assert one.stepping("liquid", 0.04, 0.0) == other.stepping("liquid", 0.04, 0.0)
+
+
+def test_no_packing_is_kept_that_a_narrow_number_made():
+    radius, depth = 0.05, 0.113  # of no other test
+    narrow = pack_cylinder(np.int16(300), (0.0, 0.0), radius, depth)
+    unit_cylinder_packing.cache_clear()
+    assert (narrow == pack_cylinder(300, (0.0, 0.0), radius, depth)).all()
+    made = _packing(300, round(depth / radius, 6)) * radius
+    assert (narrow == made.astype(np.float32)).all()
 
 
 def in_scene(**changes):

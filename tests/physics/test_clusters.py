@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import llvmlite.binding
 import numpy as np
@@ -12,9 +13,11 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
-from pourcast.engine import batch, block, clusters
-from pourcast.engine.block import Simulation, SingleLiquid
+from pourcast.engine import batch, block, clusters, pairs
+from pourcast.engine.block import Lockstep, Simulation, SingleLiquid
+from pourcast.engine.contact import collide_with_polygons
 from pourcast.engine.simd import LANES
+from pourcast.sweep.bench import obstacle_courses
 from tests.make import job, random_scenes
 
 SHORT = EngineSettings(max_duration=1.0)
@@ -176,3 +179,57 @@ def test_bits_do_not_depend_on_the_width_of_the_vectors(tmp_path):
         found[int(lanes)] = bits
     assert sorted(found) == [8, 16]
     assert found[8] == found[16]
+
+
+@pytest.mark.parametrize("way", ["never filled", "finished"])
+def test_an_empty_lane_adds_no_pairs_to_those_of_the_others(way):
+    rng = np.random.default_rng(5)
+    jobs = [
+        job((rng.uniform(0, 1, (60, 3)) * [1.0, 1.5, 0.148]).astype(np.float32))
+        for _ in range(LANES)
+    ]
+    some = Lockstep(60, "liquid")
+    some.put([Simulation(number, one) for number, one in enumerate(jobs[:2])], 1e-4)
+    listed = some._pairs.start[60]
+    if way == "finished":
+        some = Lockstep(60, "liquid")
+        some.put([Simulation(number, one) for number, one in enumerate(jobs)], 1e-4)
+        assert some._pairs.start[60] > listed
+        for lane in range(2, LANES):
+            some._empty(lane)
+        some._find_density()
+    near = np.zeros((60, 60), bool)
+    for one in jobs[:2]:
+        near |= (
+            KDTree(one.position)
+            .sparse_distance_matrix(KDTree(one.position), (1.0 + pairs.SKIN) * one.support_radius)
+            .toarray()
+            > 0.0
+        )
+    assert some._pairs.start[60] == np.tril(near, -1).sum()
+
+
+def test_a_list_of_solids_is_made_anew_at_the_same_time_in_any_company():
+    # A displacement whose square is above the slack's if it is rounded twice, and not if once.
+    f, rng = np.float32, np.random.default_rng(0)
+    start = np.array([0.31, 0.8], f)
+    while True:
+        place = start + rng.uniform(-0.01, 0.01, 2).astype(f)
+        dx, dy = place - start
+        once = f(np.float64(dx) ** 2 + np.float64(dy * dy))
+        if dx * dx + dy * dy > once:
+            break
+    jobs = [job(np.array([[x, 0.8, 0.07]], f)) for x in (0.31, 0.33)]
+    solids = obstacle_courses(1)
+    with ThreadPoolExecutor(1) as pool:
+        broad_phase = batch._broad_phase_of(jobs, solids, pool, 1)
+    listed = []
+    for company in (False, True):
+        two = Lockstep(1, "liquid")
+        two.put([Simulation(number, one) for number, one in enumerate(jobs)], 1e-4)
+        collide_with_polygons(two.state, two.parameters, solids, broad_phase, 0, 1)
+        two.state.position[:2, 0, 0], two.state.squared_slack[0, 0] = place, once
+        two.state.squared_slack[0, 1] = -1.0 if company else np.inf
+        collide_with_polygons(two.state, two.parameters, solids, broad_phase, 0, 1)
+        listed.append(two.state.listed_at[:, 0, 0].tolist())
+    assert listed[0] == listed[1] == start.tolist()

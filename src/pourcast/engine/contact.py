@@ -18,6 +18,7 @@ from pourcast.engine.compile import kernel
 from pourcast.engine.simd import (
     LANES,
     any_less,
+    bits_less,
     fma,
     fnma,
     load,
@@ -76,10 +77,12 @@ def collide_with_polygons(
 def _renew_lists(state: Any, parameters: Any, solids: Any, broad_phase: Any, row: int) -> None:
     """List anew for those spheres of a row that have moved by more than their slack."""
     most = 0
+    dx = load(state.position[0], row) - load(state.listed_at[0], row)
+    dy = load(state.position[1], row) - load(state.listed_at[1], row)
+    # The test of the caller, bit for bit: when a list is made anew is no matter of company.
+    old = bits_less(load(state.squared_slack, row), fma(dx, dx, dy * dy))
     for lane in range(LANES):
-        dx = state.position[0, row, lane] - state.listed_at[0, row, lane]
-        dy = state.position[1, row, lane] - state.listed_at[1, row, lane]
-        if dx * dx + dy * dy > state.squared_slack[row, lane]:
+        if (old >> lane) & 1:
             list_near(state, parameters, solids, broad_phase, row, lane)
         most = max(most, int(state.near_count[row, lane]))
     state.most_near[row] = most

@@ -139,7 +139,7 @@ def pack_cylinder(
     ndarray
         Particle positions [m], shape [count, 3].
     """
-    cells = unit_cylinder_packing(count, round(depth / radius, 6)) * radius
+    cells = unit_cylinder_packing(int(count), float(round(depth / radius, 6))) * radius
     moved: NDArray[np.float64] = cells + np.array([*centre, 0.0])
     return moved.astype(np.float32)
 

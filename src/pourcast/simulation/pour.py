@@ -62,6 +62,11 @@ class Pour:
     kind: Kind = "liquid"
 
     def __post_init__(self) -> None:
+        # NumPy's numbers would be counted with in their own precision.
+        object.__setattr__(self, "offset", tuple(float(value) for value in self.offset))
+        object.__setattr__(self, "damping_zeta", float(self.damping_zeta))
+        if isinstance(self.n_particles, np.integer):
+            object.__setattr__(self, "n_particles", int(self.n_particles))
         if not 1 <= self.n_particles <= MAX_PARTICLES:
             raise InputError(
                 f"n_particles must be from 1 to {MAX_PARTICLES}, not {self.n_particles}"

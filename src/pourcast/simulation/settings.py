@@ -71,6 +71,8 @@ class EngineSettings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value, (low, high) = getattr(self, field.name), _RANGES[field.name]
+            if isinstance(value, np.generic):  # would be counted with in its own precision
+                object.__setattr__(self, field.name, value := value.item())
             if not (low <= value <= high and math.isfinite(value)):
                 expected = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
                 raise InputError(

@@ -114,8 +114,9 @@ def speeds(
     threads
         Worker threads.
     seconds
-        Time that the runs may take together [s]: a first one, of one frame, says how long each
-        may be. None is shorter than a frame, nor longer than `DURATION`.
+        Time that the runs may take together [s]. A first one, of one frame, and a second, as long
+        as that lets it be, say how long each may be: a frame costs less than its run. None is
+        shorter than a frame, nor longer than `DURATION`.
 
     Returns
     -------
@@ -124,16 +125,18 @@ def speeds(
     """
     solids, filled = obstacle_courses(LANES), [*jobs] * threads
 
-    def frames_per_second(frames: int) -> float:
+    def simulated_per_second(frames: int) -> float:
         run = [replace(job, duration=frames * stepping.frame) for job in filled]
         start = time.perf_counter()
-        run_batch(run, solids, stepping, kind=kind, threads=threads)
-        return frames / (time.perf_counter() - start)
+        ends = run_batch(run, solids, stepping, kind=kind, threads=threads)
+        # What has come to rest ends before the others.
+        return sum(end.time for end in ends) / (time.perf_counter() - start)
 
-    frames_in_all = DURATION / stepping.frame
-    frames = int(np.clip(frames_per_second(1) * seconds / (RUNS + 1), 1, frames_in_all))
-    found = np.array([frames_per_second(frames) for _ in range(RUNS)])
-    return len(filled) * found / frames_in_all
+    frames, share = 1, seconds / (RUNS + 2)
+    for _ in range(2):
+        fitting = simulated_per_second(frames) * share / (len(filled) * stepping.frame)
+        frames = int(np.clip(fitting, 1, DURATION / stepping.frame))
+    return np.array([simulated_per_second(frames) for _ in range(RUNS)]) / DURATION
 
 
 def speed_table(counts: Sequence[int] = COUNTS, report: Report = no_report) -> pd.DataFrame:
