@@ -128,6 +128,26 @@ def test_a_pouring_model_that_judges_in_its_own_way_is_asked_by_every_way_to_ask
     assert (asked["water", "stubborn"] == 0.25).all()
 
 
+@pytest.mark.parametrize("said", [None, [], [1, 2]], ids=str)
+def test_who_gives_no_pours_is_named_and_no_other_model(installed, study, capsys, said):
+    installed("models", odd=pouring(lambda *_: said), good=pouring(_one_pour))
+    complaints = complaint(capsys, "predict", "s", "-m", "good", "-m", "odd", code=1)
+    assert "model 'odd' failed" in complaints
+
+
+def test_pours_may_come_one_by_one(installed, study, capsys):
+    installed("models", odd=pouring(lambda *given: iter(_one_pour(*given))))
+    assert cli.run(["predict", "s", "-m", "odd"]) == 0, capsys.readouterr().err
+
+
+def _one_pour(_model, scene, liquid, _seed=0):
+    return [Pour(scene, liquid, 5, 7.0)]
+
+
+def pouring(pours):
+    return dataclass(frozen=True)(type("Pouring", (SimulationModel,), {"pours": pours}))
+
+
 def test_a_model_without_parameters_is_a_model(installed, study, capsys):
     installed("models", half=saying(0.5))
     assert cli.run(["models"]) == 0

@@ -53,6 +53,15 @@ def test_where_nothing_can_be_written_all_is_made_anew(monkeypatch, tmp_path):
     np.testing.assert_array_equal(found, [0, 1, 2])
 
 
+def test_nothing_is_left_of_an_array_that_cannot_be_kept(folder, monkeypatch):
+    def full(*_names):
+        raise OSError("no space left")
+
+    monkeypatch.setattr(cache_folder.os, "replace", full)
+    cache_folder.kept_array("numbers", lambda: np.arange(3.0))
+    assert list(folder.iterdir()) == []
+
+
 def test_a_kept_packing_has_the_bits_of_a_new_one(folder):
     new = unit_cylinder_packing(20, 2.0).tobytes()
     unit_cylinder_packing.cache_clear()

@@ -22,9 +22,12 @@ IMPORTED = {
     "numba.config.DISABLE_JIT": None,
     "numba.config.CACHE_DIR": None,
     "numba.config.CPU_FEATURES": None,
+    "numba.core.caching.CompileResultCacheImpl": "py_func",
+    "numba.core.caching.FunctionCache": "py_func",
     "numba.core.codegen.get_host_cpu_features": "",
     "numba.core.codegen.JITCodeLibrary": "codegen name",
     "numba.core.compiler.Compiler": "typingctx targetctx library args return_type flags locals",
+    "numba.core.serialize.dumps": "obj",
     "numba.core.types.Type": "name=",
     "numba.core.types.float32": None,
     "numba.core.types.float64": None,
@@ -58,7 +61,11 @@ CALLED = {
     "numba.core.codegen.JITCodeLibrary._raise_if_finalized": "self",
     "numba.core.compiler.Compiler.compile_extra": "self func",
     "numba.core.cpu.CPUContext.codegen": "self",
-    "numba.core.dispatcher.Dispatcher.enable_caching": "self",
+    "numba.core.caching.CompileResultCacheImpl.rebuild": "self target_context payload",
+    "numba.core.caching.CompileResultCacheImpl.reduce": "self data",
+    "numba.core.caching.FunctionCache.flush": "self",
+    "numba.core.caching.FunctionCache.load_overload": "self sig target_context",
+    "numba.core.caching.FunctionCache.save_overload": "self sig data",
     **{
         f"llvmlite.ir.IRBuilder.{name}": f"self {arguments}"
         for name, arguments in {

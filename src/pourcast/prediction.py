@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pourcast.models.base import (
     Model,
+    SimulationModel,
     averages_pours,
     checked_judgments,
     failing_as,
@@ -79,7 +80,7 @@ def judge_together(
     for number, (spec, model, scenes, liquid) in enumerate(requests):
         if averages_pours(model):
             with failing_as(spec):
-                groups[number] = [model.pours(scene, liquid, seed) for scene in scenes]
+                groups[number] = [_poured(model, scene, liquid, seed) for scene in scenes]
     judged = {
         number: judge_checked(model, spec, scenes, liquid, seed, partial(report, spec))
         for number, (spec, model, scenes, liquid) in enumerate(requests)
@@ -101,6 +102,14 @@ def judge_together(
             spec, _, scenes, _ = requests[number]
             judged[number] = checked_judgments([next(said) for _ in scenes], spec, scenes)
     return [judged[number] for number in range(len(requests))]
+
+
+def _poured(model: SimulationModel, scene: Scene, liquid: Liquid, seed: int) -> list[Pour]:
+    """A model's pours of a scene, looked at before they are run with those of others."""
+    pours = list(model.pours(scene, liquid, seed))
+    if not pours or not all(isinstance(pour, Pour) for pour in pours):
+        raise TypeError(f"scene {scene.id!r}: expected one or more pours, found {pours}")
+    return pours
 
 
 class ModelJudgment(NamedTuple):

@@ -8,7 +8,9 @@ import hashlib
 import io
 import os
 import tempfile
+import uuid
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -84,10 +86,11 @@ def _write_array(path: Path, array: NDArray[np.float64]) -> None:
     stream = io.BytesIO()
     np.save(stream, array, allow_pickle=False)
     data = stream.getvalue()
+    # Under a name of its own first: other processes may read or write it at the same time.
+    own = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
     try:
-        # Under a name of its own first: other processes may read or write it at the same time.
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as temporary:
-            temporary.write(hashlib.sha256(data).digest() + data)
-        os.replace(temporary.name, path)
-    except OSError:
-        return  # a full disk, a folder that is gone: it is made again the next time
+        own.write_bytes(hashlib.sha256(data).digest() + data)
+        os.replace(own, path)
+    except OSError:  # a full disk, a folder that is gone: it is made again the next time
+        with suppress(OSError):
+            own.unlink()

@@ -7,13 +7,18 @@ for the least of a kind of processor.
 
 import functools
 import gc
+import hashlib
+import pickle
 from collections.abc import Callable
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.serialize import dumps
 
 from pourcast.engine.cache_folder import cache_folder
 from pourcast.progress import meanwhile
@@ -69,6 +74,44 @@ class _CompilerForPython(Compiler):  # type: ignore[misc]
                 gc.enable()
 
 
+class _CheckedCode(CompileResultCacheImpl):  # type: ignore[misc]
+    """What is kept of a compiled kernel, with a digest: LLVM ends the process on damaged code."""
+
+    def reduce(self, data: Any) -> Any:
+        """What is written of a kernel."""
+        content = dumps(super().reduce(data))
+        return hashlib.sha256(content).digest(), content
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """A kernel of what was read; raises `ValueError` if that isn't what was written."""
+        digest, content = payload
+        if hashlib.sha256(content).digest() != digest:
+            raise ValueError("damaged")
+        return super().rebuild(target_context, pickle.loads(content))
+
+
+class _KernelCache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache on disk, in which what is damaged or can't be written costs time only."""
+
+    _impl_class = _CheckedCode
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """A kernel; None if it must be compiled."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a kernel, if that can be written."""
+        with suppress(OSError):
+            try:
+                super().save_overload(sig, data)
+            except (EOFError, pickle.UnpicklingError, ValueError, TypeError):
+                self.flush()  # the index is damaged
+                super().save_overload(sig, data)
+
+
 class Kernel:
     """A function that is compiled when it is first called.
 
@@ -88,7 +131,7 @@ class Kernel:
         )(function)
         users_dir, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder())
         try:
-            self.for_python.enable_caching()
+            self.for_python._cache = _KernelCache(function)
         finally:
             numba.config.CACHE_DIR = users_dir
 

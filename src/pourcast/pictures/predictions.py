@@ -85,7 +85,7 @@ def make_predictions(
     ]
     judged = judge_together(requests, seed, record=specs, report=report)
     typical = {
-        spec: typical_pour(model.pours(scene, liquid, seed))
+        spec: typical_pour(list(model.pours(scene, liquid, seed)))
         for spec, model in zip(specs, models, strict=True)
         if isinstance(model, SimulationModel)
     }
