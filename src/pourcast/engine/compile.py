@@ -99,7 +99,7 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
         """A kernel; None if it must be compiled."""
         try:
             return super().load_overload(sig, target_context)
-        except Exception:
+        except Exception:  # whatever a damaged pickle can raise
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
