@@ -148,7 +148,7 @@ class _Queue:
     @property
     def cost(self) -> float:
         """A measure of the work that is waiting; measured, it grows so with N."""
-        each = float(self.batch.particle_count) ** 1.4 * self.batch.stepping.steps_per_frame
+        each: float = self.batch.particle_count**1.4 * self.batch.stepping.steps_per_frame
         return len(self.waiting) * each
 
 
