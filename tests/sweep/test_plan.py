@@ -172,7 +172,7 @@ def scene(k):
     start = ramp_scene().liquid.model_copy(update={"centre": (0.4, 1.3 + 1e-6 * k)})
     return ramp_scene().model_copy(update={"id": str(k), "liquid": start})
 
-scenes = [scene(k) for k in range(500)]
+scenes = [scene(k) for k in range(800)]
 text = '''
 [[models]]
 model = "ife"
@@ -200,11 +200,11 @@ def store_of(plan, folder):
     return plan, store, len(done)
 
 grid = small_grid(text)
-planning = ratio(lambda: make_plan(grid, scenes), lambda: make_plan(grid, scenes[:50]), times=2)
+planning = ratio(lambda: make_plan(grid, scenes), lambda: make_plan(grid, scenes[:80]), times=2)
 many = make_plan(grid, scenes)
 assert len(many.shards) > 100_000
 many = store_of(many, Path(sys.argv[1], "many"))
-few = store_of(make_plan(grid, scenes[:50]), Path(sys.argv[1], "few"))
+few = store_of(make_plan(grid, scenes[:80]), Path(sys.argv[1], "few"))
 looking = ratio(lambda: look_through(*many), lambda: look_through(*few), times=2)
 # Not `getrusage`: that begins with the memory of the process that started this one.
 peak = re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text()).group(1)

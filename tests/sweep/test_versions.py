@@ -72,8 +72,8 @@ def test_words_about_the_code_make_nothing_stale(edit, name):
 @pytest.mark.parametrize(
     ("name", "stale"),
     [
-        ("engine/sph.py", POURS | {"convnet"}),  # that asks the engine for the number of cores
-        ("engine/polygons.py", POURS | {"convnet", "simple"}),
+        ("engine/sph.py", POURS),
+        ("engine/polygons.py", POURS | {"simple"}),
         ("simulation/settings.py", POURS),
         ("networks/picture.py", {"convnet"}),
         ("networks/network.py", {"convnet"}),
