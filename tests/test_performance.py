@@ -311,3 +311,18 @@ def test_blocks_in_lockstep_are_full_enough_to_be_worth_it(monkeypatch, threads,
     ]  # fmt: skip
     simulate(pours, settings=EngineSettings(max_duration=1.2), threads=threads)
     assert sum(filled) > share * sum(lanes)
+
+
+def test_as_many_full_blocks_as_threads_are_filled_from_one_queue(monkeypatch):
+    widths = []
+    put = Block.put
+
+    def noted(block, simulations, step):
+        if not block.simulations:
+            widths.append(len(simulations))
+        put(block, simulations, step)
+
+    monkeypatch.setattr(Block, "put", noted)
+    pours = [Pour(scene, WATER, 15) for scene in random_scenes(3 * LANES, seed=3)]
+    simulate(pours, settings=EngineSettings(max_duration=0.2), threads=3)
+    assert widths[:3] == [LANES] * 3

@@ -222,8 +222,9 @@ class _Work:
     def _next_block(self, left: Sequence[_Queue]) -> tuple[_Queue, Block, list[Simulation]]:
         queue = left[0]
         count, kind = queue.batch.particle_count, queue.batch.kind
-        # Threads that share this queue: none where every thread has one of its own.
-        sharing = -(-self._worker_count // len(left))
+        # This thread and those that have nothing to do yet share what is waiting.
+        free = 1 + self._worker_count - self._busy
+        sharing = -(-free // len(left))
         width = min(LANES, -(-len(queue.waiting) // sharing))
         block: Block
         if width >= lanes_worth(count):
