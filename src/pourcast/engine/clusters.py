@@ -267,11 +267,11 @@ def find_cluster_density(state: Any, parameters: Any, clusters: Any, begin: int,
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
         total = wall_density(xi, yi, zi, parameters)
         for k in range(clusters.partner_count[cluster]):
-            j = partner[cluster, k]
+            j = np.uint64(partner[cluster, k])  # no test for an index below 0
             dx, dy, dz = xi - splat(x[j]), yi - splat(y[j]), zi - splat(z[j])
             near = one_minus_q_of(dot(dx, dy, dz, dx, dy, dz), inverse_support, zero)
             total = add_weight(total, near)
-            near_partner[cluster, near_count] = j
+            near_partner[cluster, near_count] = partner[cluster, k]
             store(clusters.slope[cluster], near_count, gradient(near))
             near_count += any_less(zero, near)
         clusters.near_count[cluster] = near_count
@@ -299,7 +299,7 @@ def find_cluster_forces(state: Any, parameters: Any, clusters: Any, begin: int, 
         density_i, pressure_i = gather(density, order, first), gather(pressure, order, first)
         axi, ayi, azi = wall_push(pressure_i, xi, yi, zi, parameters)
         for k in range(clusters.near_count[cluster]):
-            j = near_partner[cluster, k]
+            j = np.uint64(near_partner[cluster, k])
             dx, dy, dz = xi - splat(x[j]), yi - splat(y[j]), zi - splat(z[j])
             du, dv, dw = ui - splat(u[j]), vi - splat(v[j]), wi - splat(w[j])
             push = pair_push(
