@@ -7,7 +7,7 @@ rates while the sphere touches.
 
 Every sphere keeps a list of the edges near it, which holds until it has moved
 by its `slack` (a Verlet list, here of solids). Lists are made one sphere at a
-time; contact with what is listed is found for 16 spheres at once.
+time; contact with what is listed is found for a row of spheres at once.
 """
 
 from typing import Any
@@ -227,7 +227,7 @@ def _gap(state: Any, row: int, slot: int, x: Any, y: Any) -> Any:
 
 @kernel
 def _collide_row(state: Any, parameters: Any, row: int, slot_count: int) -> None:
-    """Contact of the 16 spheres of a row with all that is in their lists."""
+    """Contact of the spheres of a row with all that is in their lists."""
     zero, one = splat(0.0), splat(1.0)
     radius, width = load(parameters.radius, 0), load(parameters.width, 0)
     touch, right = radius * (1.0 + TOUCH_SKIN), width - radius

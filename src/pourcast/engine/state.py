@@ -1,8 +1,8 @@
 """Arrays that the kernels work on: the state of a block and the parameters of its lanes.
 
-The last axis of every array has 16 values (`simd.LANES`). A block holds either
-16 simulations of N particles in lockstep (row = particle, lane = simulation)
-or one large simulation (row * 16 + lane = particle). Everything that happens
+The last axis of every array has `simd.LANES` values. A block holds either
+so many simulations of N particles in lockstep (row = particle, lane = simulation)
+or one simulation (row * LANES + lane = particle). Everything that happens
 to a particle by itself is the same code in both.
 """
 
@@ -23,7 +23,7 @@ NEAR_EDGES = 3
 
 
 class State(NamedTuple):
-    """Particles of a block; `row_count` rows of 16."""
+    """Particles of a block; `row_count` rows of `LANES`."""
 
     position: Floats
     """Particle positions [m], shape [3, row_count, LANES]."""
