@@ -143,7 +143,7 @@ def print_speeds(title: str, found: Speeds, counts: Iterable[int], unit: str) ->
 
 def plot(found: Speeds) -> None:
     """Speed against N, log-log, the ceiling as a line."""
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    figure = Figure(figsize=(6.4, 4.8), layout="constrained")
     axes = figure.subplots()
     for name, speeds in found.items():
         style = "k--" if name.startswith("ceiling") else "o-"
@@ -152,7 +152,7 @@ def plot(found: Speeds) -> None:
     axes.set_xticks(COUNTS, [str(n) for n in COUNTS], minor=False)
     axes.set_xticks([], minor=True)
     axes.grid(alpha=0.3)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="lower left", fontsize=8)
     figure.savefig(PICTURE, dpi=110)
 
 
