@@ -16,9 +16,12 @@ from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.engine import batch, block, clusters, pairs
 from pourcast.engine.block import Lockstep, Simulation, SingleLiquid
 from pourcast.engine.contact import collide_with_polygons
-from pourcast.engine.simd import LANES
+from pourcast.engine.job import Stepping
+from pourcast.engine.packing import pack_cylinder
+from pourcast.engine.simd import LANES, flush_denormals
+from pourcast.engine.solids import BroadPhase, build_broad_phase
 from pourcast.sweep.bench import obstacle_courses
-from tests.make import job, random_scenes
+from tests.make import NO_SOLIDS, job, random_scenes
 
 SHORT = EngineSettings(max_duration=1.0)
 
@@ -122,6 +125,29 @@ def test_threads_without_simulations_of_their_own_help_with_the_others(monkeypat
     joined.clear()
     simulate([Pour(random_scenes(1)[0], WATER, 40)], settings=SHORT, threads=3)
     assert not joined
+
+
+def test_a_team_that_is_slower_than_its_leader_alone_is_let_go(monkeypatch):
+    monkeypatch.setattr(block, "available_cores", lambda: 2)
+    single, frame = SingleLiquid(310), Stepping(1e-4, 3)
+    one = job(pack_cylinder(310, (0.5, 1.0), 0.074, 0.148), radius=0.01, support_radius=0.046)
+    single.put([Simulation(0, one)], frame.step)
+    cells = BroadPhase(*build_broad_phase(NO_SOLIDS, np.array([[1.0, 1.5]]), 0.1, 0, 1))
+    single.advance(NO_SOLIDS, cells, frame)
+    assert single.wants_help
+    with ThreadPoolExecutor(1, initializer=flush_denormals) as pool:
+        helping = pool.submit(single.join())
+        single.regroup(alone=False)
+        assert len(single.helpers) == 1
+        single._seconds_alone = 0.0
+        for _ in range(3):
+            assert not helping.done()
+            single.regroup(alone=False)
+            single.advance(NO_SOLIDS, cells, frame)
+        single.regroup(alone=False)
+        helping.result(timeout=30)
+    assert not single.helpers
+    assert not single.wants_help
 
 
 def test_clusters_are_of_particles_near_one_another():

@@ -39,6 +39,10 @@ from pourcast.errors import SimulationDivergedError
 Kind = Literal["liquid", "marbles"]
 """SPH liquid, or rigid spheres."""
 
+Frame = tuple[State, LaneParameters, Solids, BroadPhase, float, int]
+"""What the kernels are given to move a block on: its particles and their parameters, what they
+meet, a step [s] and how many."""
+
 REST_SPEED = 0.02
 """A simulation rests when no particle is faster than this [m/s] ..."""
 
@@ -61,7 +65,7 @@ class Simulation:
     """One simulation between two frames: a job, and how far it has come."""
 
     number: int
-    """The job's number in its batch."""
+    """The job's number among all that are run."""
     job: Job
     particles: dict[str, NDArray[Any]] | None = None
     """Fields of `State`, of its particles alone, shape [..., count]; none at the start."""
@@ -127,7 +131,7 @@ class Block(ABC):
     def _find_density(self) -> None: ...
 
     @abstractmethod
-    def _advance(self, *arguments: Any) -> None: ...
+    def _advance(self, frame: Frame) -> None: ...
 
     def _lanes_of(self, lane: int) -> int | slice:
         return slice(None) if self.rows_are_one else lane
@@ -198,14 +202,8 @@ class Block(ABC):
         SimulationDivergedError
             If one breaks (`diagnostics`); its `number` is the job's.
         """
-        self._advance(
-            self.state,
-            self.parameters,
-            solids,
-            broad_phase,
-            stepping.step,
-            stepping.steps_per_frame,
-        )
+        step, steps = stepping.step, stepping.steps_per_frame
+        self._advance((self.state, self.parameters, solids, broad_phase, step, steps))
         found = self.diagnostics
         sound = measure_and_check(
             self.state, self.parameters, stepping.step, self.count, self.rows_are_one, found
@@ -343,13 +341,12 @@ class Lockstep(Block):
         self._clear_empty_lanes()
         sph.find_density(self.state, self.parameters, self._pairs)
 
-    def _advance(self, *arguments: Any) -> None:
+    def _advance(self, frame: Frame) -> None:
         self._clear_empty_lanes()
         if self.kind == "marbles":
-            rigid.advance(*arguments)
+            rigid.advance(*frame)
         else:
-            advance: Any = sph.advance
-            advance(*arguments, self._pairs)
+            sph.advance(*frame, self._pairs)
 
 
 class Single(Block):
@@ -374,9 +371,8 @@ class SingleMarbles(Single):
     def _find_density(self) -> None:
         """Spheres have none."""
 
-    def _advance(self, *arguments: Any) -> None:
-        advance: Any = rigid.advance_one
-        advance(*arguments, self.count)
+    def _advance(self, frame: Frame) -> None:
+        rigid.advance_one(*frame, self.count)
 
 
 class SingleLiquid(Single):
@@ -394,16 +390,16 @@ class SingleLiquid(Single):
     def _find_density(self) -> None:
         clusters.find_density(self.state, self.parameters, self._clusters)
 
-    def _advance(self, state: State, *arguments: Any) -> None:
-        advance: Any = clusters.advance_one
+    def _advance(self, frame: Frame) -> None:
+        state, rest = frame[0], frame[1:]
         members = 1 + len(self.helpers)
         self._clusters.arrived[0] = 0
         # Each notes the greatest speed of its own particles.
         speeds = np.zeros((members, LANES), np.float32)
         calls = [
             partial(
-                advance, state._replace(squared_top_speed=speed), *arguments, self._clusters,
-                member, members,
+                clusters.advance_one, state._replace(squared_top_speed=speed), *rest,
+                self._clusters, member, members,
             )
             for member, speed in enumerate(speeds)
         ]  # fmt: skip

@@ -23,7 +23,7 @@ from pourcast.engine.contact import collide_with_box, collide_with_polygons
 from pourcast.engine.equation_of_state import pressure_term
 from pourcast.engine.integrator import integrate
 from pourcast.engine.momentum import pair_push
-from pourcast.engine.pairs import MARGIN, moved_since
+from pourcast.engine.pairs import MARGIN, farthest_from, summed_motion
 from pourcast.engine.simd import (
     LANES,
     any_less,
@@ -232,21 +232,14 @@ def have_moved(state: Any, parameters: Any, clusters: Any) -> bool:
 
     What all have moved in common is left out: a blob in free fall keeps its lists.
     """
-    rows, size = state.density.shape[0], state.density.size
-    sum_x, sum_y, sum_z = splat(0.0), splat(0.0), splat(0.0)
-    for row in range(rows):
-        moved_x, moved_y, moved_z = moved_since(state, clusters.listed, row)
-        sum_x, sum_y, sum_z = sum_x + moved_x, sum_y + moved_y, sum_z + moved_z
+    sum_x, sum_y, sum_z = summed_motion(state, clusters.listed)
+    size = state.density.size
     mean_x, mean_y, mean_z = (
         splat(sum_lanes(sum_x) / size),
         splat(sum_lanes(sum_y) / size),
         splat(sum_lanes(sum_z) / size),
     )
-    farthest = splat(0.0)
-    for row in range(rows):
-        moved_x, moved_y, moved_z = moved_since(state, clusters.listed, row)
-        dx, dy, dz = moved_x - mean_x, moved_y - mean_y, moved_z - mean_z
-        farthest = maximum(farthest, dot(dx, dy, dz, dx, dy, dz))
+    farthest = farthest_from(state, clusters.listed, mean_x, mean_y, mean_z)
     allowed = 0.5 * MARGIN * SKIN / parameters.inverse_support[0]
     return any_less(splat(allowed * allowed), farthest)
 

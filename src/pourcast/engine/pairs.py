@@ -47,7 +47,7 @@ class Pairs(NamedTuple):
 
 def empty_pairs(count: int) -> Pairs:
     """Room for the pairs of `count` particles."""
-    pairs = max(count * (count - 1) // 2, 0) + 1
+    pairs = count * (count - 1) // 2
     return Pairs(
         start=np.zeros(count + 1, np.int64),
         earlier=np.zeros(pairs, np.int32),
@@ -97,31 +97,44 @@ def _pair_count(state: Any) -> int:
 
 
 @kernel
-def moved_since(state: Any, listed: Any, row: int) -> Any:
+def have_moved(state: Any, parameters: Any, pairs: Any) -> bool:
+    """Whether two particles of a simulation may have come nearer to each other by the skin."""
+    rows = state.density.shape[0]
+    if pairs.start[rows] == _pair_count(state):
+        return False
+    sum_x, sum_y, sum_z = summed_motion(state, pairs.listed)
+    share = 1.0 / rows
+    farthest = farthest_from(state, pairs.listed, sum_x * share, sum_y * share, sum_z * share)
+    allowed = 0.5 * MARGIN * SKIN / load(parameters.inverse_support, 0)
+    return any_less(allowed * allowed, farthest)
+
+
+@kernel
+def summed_motion(state: Any, listed: Any) -> Any:
+    """Displacements since a list was made [m], summed over the rows, along the three axes."""
+    sum_x, sum_y, sum_z = splat(0.0), splat(0.0), splat(0.0)
+    for row in range(state.density.shape[0]):
+        moved_x, moved_y, moved_z = _moved_since(state, listed, row)
+        sum_x, sum_y, sum_z = sum_x + moved_x, sum_y + moved_y, sum_z + moved_z
+    return sum_x, sum_y, sum_z
+
+
+@kernel
+def farthest_from(state: Any, listed: Any, mean_x: Any, mean_y: Any, mean_z: Any) -> Any:
+    """Square of the largest displacement of each lane [m^2], less a common one [m]."""
+    farthest = splat(0.0)
+    for row in range(state.density.shape[0]):
+        moved_x, moved_y, moved_z = _moved_since(state, listed, row)
+        dx, dy, dz = moved_x - mean_x, moved_y - mean_y, moved_z - mean_z
+        farthest = maximum(farthest, dot(dx, dy, dz, dx, dy, dz))
+    return farthest
+
+
+@kernel
+def _moved_since(state: Any, listed: Any, row: int) -> Any:
     """Displacements of a row's particles since a list was made [m]."""
     return (
         load(state.position[0], row) - load(listed[0], row),
         load(state.position[1], row) - load(listed[1], row),
         load(state.position[2], row) - load(listed[2], row),
     )
-
-
-@kernel
-def have_moved(state: Any, parameters: Any, pairs: Any) -> bool:
-    """Whether two particles of a simulation may have come nearer to each other by the skin."""
-    rows = state.density.shape[0]
-    if pairs.start[rows] == _pair_count(state):
-        return False
-    sum_x, sum_y, sum_z = splat(0.0), splat(0.0), splat(0.0)
-    for row in range(rows):
-        moved_x, moved_y, moved_z = moved_since(state, pairs.listed, row)
-        sum_x, sum_y, sum_z = sum_x + moved_x, sum_y + moved_y, sum_z + moved_z
-    share = 1.0 / rows
-    mean_x, mean_y, mean_z = sum_x * share, sum_y * share, sum_z * share
-    farthest = splat(0.0)
-    for row in range(rows):
-        moved_x, moved_y, moved_z = moved_since(state, pairs.listed, row)
-        dx, dy, dz = moved_x - mean_x, moved_y - mean_y, moved_z - mean_z
-        farthest = maximum(farthest, dot(dx, dy, dz, dx, dy, dz))
-    allowed = 0.5 * MARGIN * SKIN / load(parameters.inverse_support, 0)
-    return any_less(allowed * allowed, farthest)

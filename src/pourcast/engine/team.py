@@ -1,7 +1,7 @@
 """Threads that share a simulation: those that help, and what they wait for one another by."""
 
-import os
 import platform
+import time
 from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
@@ -54,7 +54,7 @@ if numba.config.DISABLE_JIT:
 
     def yield_processor() -> None:
         """Let another thread run, if one is ready to."""
-        os.sched_yield()
+        time.sleep(0)
 
 else:
 
