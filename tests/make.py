@@ -1,5 +1,7 @@
 """Small things that tests are made of: scenes, blocks of particles, jobs, plain-loop oracles."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 from scipy.integrate import cumulative_simpson
@@ -16,12 +18,26 @@ from pourcast.engine.state import LaneParameters, State, empty_parameters, empty
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.scenes.goals.basins import Basins
+from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.scenes.scene import LiquidStart, Scene
+from pourcast.simulation.settings import EngineSettings
 from pourcast.study.selection import drawn_scene
 
 Array = npt.NDArray[np.float64]
 
 NO_SOLIDS = pack_solids([[]])
+
+
+OPEN_CHOICES = {
+    "cohesion": (replace(HONEY_EXP1, cohesion=0.03), EngineSettings()),
+    "tension": (replace(HONEY_EXP1, tension=0.02), EngineSettings()),
+    "viscosity of all pairs": (HONEY_EXP1, EngineSettings(viscous_pairs="all")),
+    "contact": (HONEY_EXP1, EngineSettings(contact_radius=0.35, contact_layer=0.6)),
+    "damping": (WATER, EngineSettings(damping_scale=0.5)),
+    "slab": (WATER, EngineSettings(dimensions=2)),
+    "sound and support": (WATER, EngineSettings(sound_speed=20, support_in_spacings=1.9)),
+}
+"""What the paper leaves open: a liquid and settings each."""
 
 
 def ramp_scene() -> Scene:

@@ -9,7 +9,7 @@ from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.study.selection import filtered_scenes
 from tests import reference
-from tests.make import ramp_scene, random_scenes
+from tests.make import OPEN_CHOICES, ramp_scene, random_scenes
 
 
 @pytest.mark.parametrize("liquid", [WATER, HONEY_EXP1], ids=lambda liquid: liquid.name)
@@ -24,21 +24,9 @@ def test_the_first_moments_agree_particle_by_particle(liquid):
         assert np.abs(ours.position - theirs).max() < 1e-3
 
 
-CHOICES = {
-    "cohesion": (replace(HONEY_EXP1, cohesion=0.03), EngineSettings()),
-    "tension": (replace(HONEY_EXP1, tension=0.02), EngineSettings()),
-    "viscosity of all pairs": (HONEY_EXP1, EngineSettings(viscous_pairs="all")),
-    "contact": (HONEY_EXP1, EngineSettings(contact_radius=0.35, contact_layer=0.6)),
-    "damping": (WATER, EngineSettings(damping_scale=0.5)),
-    "slab": (WATER, EngineSettings(dimensions=2)),
-    "sound and support": (WATER, EngineSettings(sound_speed=20, support_in_spacings=1.9)),
-}
-"""What the paper leaves open: a liquid and settings each."""
-
-
-@pytest.mark.parametrize("choice", CHOICES)
+@pytest.mark.parametrize("choice", OPEN_CHOICES)
 def test_every_open_choice_is_what_the_plain_implementation_makes_of_it(choice):
-    liquid, settings = CHOICES[choice]
+    liquid, settings = OPEN_CHOICES[choice]
     brief = replace(settings, max_duration=0.6)
     pour = Pour(ramp_scene(), liquid, 30, 5.0)
     ours = simulate([pour], settings=brief)[0]

@@ -196,8 +196,8 @@ class Block(ABC):
         for lane in fresh:
             job, energy = self.simulations[lane].job, float(found.energy[lane])
             found.least_energy[self._lanes_of(lane)] = energy
-            # Cohesion's energy is below 0, and no measure of errors.
-            scale = max(energy, job.gravity * float(job.position[:, 1].mean()))
+            # Cohesion's energy is below 0: two that cancel would allow no error at all.
+            scale = max(abs(energy), job.gravity * float(job.position[:, 1].mean()))
             found.allowed_gain[self._lanes_of(lane)] = allowed_gain(
                 scale, self.count, job.gravity, job.radius, job.sound_speed
             )

@@ -147,6 +147,7 @@ def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
     radius = start.diameter / 2
     support = settings.support_in_spacings * settings.spacing_in(pour.scene, count)
     contact_radius = settings.contact_radius_in(pour.scene, count, pour.kind)
+    cohesive = pour.kind == "liquid"  # marbles feel nothing but contact
     centre = (start.centre[0] + pour.offset[0], start.centre[1] + pour.offset[1])
     origin = pack_cylinder(count, (0.0, 0.0), radius, depth)
     return Job(
@@ -167,8 +168,8 @@ def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
         adhesion_tangential=pour.liquid.adhesion_tangential,
         contact_layer=settings.contact_layer * contact_radius,
         support_in_spacings=settings.support_in_spacings,
-        cohesion=pour.liquid.cohesion,
-        tension=pour.liquid.tension,
+        cohesion=pour.liquid.cohesion if cohesive else 0.0,
+        tension=pour.liquid.tension if cohesive else 0.0,
         viscosity_of_all_pairs=settings.viscous_pairs == "all",
         rim=pour.scene.goal.rim,
     )
