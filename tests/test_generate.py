@@ -119,8 +119,10 @@ def test_contrasting_scenes_from_a_small_pool():
     choice = ContrastingScenes(candidates=60)
     chosen, again = (choice.choose(ShapesFamily(), 6, 1) for _ in range(2))
     assert scenes_to_json(chosen.scenes) == scenes_to_json(again.scenes)
-    assert chosen.pool_correlation > 0.5
-    assert chosen.correlation < 0.0
+    both = "correlation of water-ife and honey-ife-1"
+    assert chosen.figures[f"{both}, all candidates"] > 0.5
+    assert chosen.figures[both] < 0.0
+    assert len(choice.stages) == len(chosen.left)
     with pytest.raises(InputError, match="candidates: expected at least 6"):
         ContrastingScenes(candidates=5).choose(ShapesFamily(), 6, 1)
 
