@@ -130,8 +130,8 @@ def test_scenes_are_chosen_in_stages_that_are_told():
     again = COARSE.choose(ShapesFamily(), 6, 1)
     assert scenes_to_json(chosen.scenes) == scenes_to_json(again.scenes)
     assert [scene.id for scene in chosen.scenes] == [f"exp2-{k:03d}" for k in range(1, 7)]
-    drawn, kept, judged, wanted = chosen.left
-    assert drawn >= kept >= 40 >= judged > wanted == 6
+    drawn, kept, judged, run_off, wanted = chosen.left
+    assert drawn >= kept >= 40 >= judged >= run_off > wanted == 6
     assert len(COARSE.stages) == len(chosen.left)
     assert {"screening", f"judging the {judged} most promising scenes"} <= seen
     truths = "correlation of " + " and ".join(COARSE.truths)
@@ -144,7 +144,7 @@ def test_a_pool_without_what_is_asked_is_one_line():
     with pytest.raises(InputError) as refused:
         strict.choose(ShapesFamily(), 6, 1)
     assert "\n" not in str(refused.value)
-    assert "of 40 candidates; a larger pool may have it" in str(refused.value)
+    assert "of 40 candidates; a larger pool may have them" in str(refused.value)
     with pytest.raises(InputError, match="candidates: expected at least 6"):
         replace(COARSE, candidates=5).choose(ShapesFamily(), 6, 1)
     with pytest.raises(InputError, match="model 'gravity': expected one that averages pours"):
@@ -155,7 +155,7 @@ def test_experiment_2_says_how_its_scenes_are_chosen():
     choice = EXPERIMENTS.get("exp2").choice
     assert isinstance(choice, SteadyContrast)
     names, rules = zip(*choice.stages, strict=True)
-    assert names == ("drawn", "filtered", "judged", "chosen")
+    assert names == ("drawn", "filtered", "judged", "run off", "chosen")
     assert "correlation of the truths at most -0.65" in rules[-1]
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -32,8 +32,8 @@ _PAGE_PANELS = 16
 _PAGE_PANEL, _PAGE_GAP, _PAGE_WORDS = 0.85, 0.06, 0.36
 """Width of its panels, what is between them, and the height of words [inch]."""
 
-_WAY_STRIDE, _WAY_OPACITY = 3, 0.3
-"""Which frames make a liquid's way, and how it is drawn."""
+_WAY_OPACITY = 0.3
+"""Of where a liquid has been, over that of where it is."""
 
 _EDGE = 0.4
 """Width of the line around a marble [point]."""
@@ -140,12 +140,9 @@ def page_figure(
 
 def _draw_way(axes: Any, scene: Scene, pour: PredictedPour) -> None:
     """Draw all places where the liquid has been, pale, and where it ends."""
-    pictures = [
-        liquid_image(frame, pour.spacing, scene, pour.colour)
-        for frame in pour.frames[::_WAY_STRIDE]
-    ]
+    frames = (liquid_image(frame, pour.spacing, scene, pour.colour) for frame in pour.frames)
+    way = reduce(np.maximum, (picture[:, :, 3] for picture in frames))
     end = liquid_image(pour.frames[-1], pour.spacing, scene, pour.colour)
-    way = np.max([picture[:, :, 3] for picture in pictures], axis=0)
     end[:, :, 3] = np.maximum(end[:, :, 3], (_WAY_OPACITY * way).astype(np.uint8))
     extent = (0.0, scene.box.width, 0.0, scene.box.height)
     axes.imshow(end, origin="lower", extent=extent, interpolation="bilinear", zorder=3)

@@ -99,6 +99,10 @@ class SteadyContrast(SceneChoice):
                 f"and damped, in pours of {self.rule.n_particles} particles",
             ),
             (
+                "run off",
+                f"by {truths}, at most {self.rule.max_stranded:.0%} of it ends on an obstacle",
+            ),
+            (
                 "chosen",
                 f"{halves}, by truths and models alike; correlation of the truths at most "
                 f"{asked.truths:g}, of the models at most {asked.models:g}, of {self.models[0]} "
@@ -118,9 +122,11 @@ class SteadyContrast(SceneChoice):
         screened = self._screened(pool.scenes, report)
         promising = most_contrasting(screened, round(self.confirmed * count / 2))
         scenes = [pool.scenes[k] for k in promising]
-        judged = self._judged(scenes, report)
-        judgments = np.stack([said.mean(axis=1) for said in judged])
-        unsteady = np.stack([said.var(axis=1) for said in judged[MODEL_WATER:]])
+        judged, stranded = self._judged(scenes, report)
+        runs_off = np.flatnonzero(stranded <= self.rule.max_stranded)
+        scenes = [scenes[k] for k in runs_off]
+        judgments = np.stack([said.mean(axis=1) for said in judged])[:, runs_off]
+        unsteady = np.stack([said.var(axis=1) for said in judged[MODEL_WATER:]])[:, runs_off]
         try:
             chosen = choose_steady(
                 judgments, unsteady.mean(axis=0), count, self.targets, lenient=self.lenient
@@ -128,14 +134,14 @@ class SteadyContrast(SceneChoice):
         except InputError as error:
             raise InputError(
                 f"{family.name}: {error}, among {len(scenes)} of {self.candidates} candidates; "
-                "a larger pool may have it"
+                "a larger pool may have them"
             ) from None
         order = np.random.default_rng(seed).permutation(chosen)
         return Selection(
             numbered([scenes[k] for k in order], family.name),
             pool.drawn,
             pool.kept,
-            left=(pool.drawn, pool.kept, len(scenes), count),
+            left=(pool.drawn, pool.kept, len(promising), len(scenes), count),
             figures=self._figures(judgments[:, chosen], unsteady[:, chosen], screened),
         )
 
@@ -146,15 +152,25 @@ class SteadyContrast(SceneChoice):
             for group in self._pours(scenes)
             for pours in group
         ]
-        return np.reshape(self._outcomes(pours, "screening", report), (4, len(scenes)))
+        ends = self._ends(pours, "screening", report)
+        return np.reshape([judgment for judgment, _ in ends], (4, len(scenes)))
 
-    def _judged(self, scenes: Sequence[Scene], report: Report) -> list[Array]:
-        """Judgments by all pours of each truth and model, shapes [scene_count, pour_count]."""
+    def _judged(self, scenes: Sequence[Scene], report: Report) -> tuple[list[Array], Array]:
+        """What all pours of each truth and model say, and what is left on obstacles at most.
+
+        Returns
+        -------
+        list of ndarray, ndarray
+            Judgments of each of the four, shape [scene_count, pour_count]; and the larger share of
+            the liquid that ends on an obstacle by either truth, shape [scene_count].
+        """
         groups = self._pours(scenes)
         pours = [pour for group in groups for pours in group for pour in pours]
         words = f"judging the {len(scenes)} most promising scenes"
-        said = iter(self._outcomes(pours, words, report))
-        return [np.array([list(islice(said, len(pours))) for pours in group]) for group in groups]
+        ends = iter(self._ends(pours, words, report))
+        said = [np.array([list(islice(ends, len(pours))) for pours in group]) for group in groups]
+        stranded = [one[:, :, 1].max(axis=1) for one in said[:MODEL_WATER]]
+        return [one[:, :, 0] for one in said], np.max(stranded, axis=0)
 
     def _pours(self, scenes: Sequence[Scene]) -> list[list[list[Pour]]]:
         """Pours of each truth and model in each scene."""
@@ -166,10 +182,11 @@ class SteadyContrast(SceneChoice):
             groups.append([model.pours(scene, WATER) for scene in scenes])
         return groups
 
-    def _outcomes(self, pours: Sequence[Pour], words: str, report: Report) -> list[float]:
+    def _ends(self, pours: Sequence[Pour], words: str, report: Report) -> list[tuple[float, float]]:
+        """Judgment, and share of the liquid on an obstacle, at the end of each pour."""
         return outcomes_of(
             pours,
-            attrgetter("judgment"),
+            attrgetter("judgment", "stranded"),
             settings=self.rule.settings,
             memory=REMEMBERED,
             progress=partial(report, words),
