@@ -70,10 +70,10 @@ class SteadyContrast(SceneChoice):
     """
 
     rule: CoarseFilter = CONTRAST_FILTER
-    candidates: int = 3000
+    candidates: int = 2000
     truths: tuple[str, str] = ("truth-water", "truth-honey")
     models: tuple[str, str] = ("water-ife", "honey-ife-1")
-    confirmed: float = 10.0
+    confirmed: float = 8.0
     targets: ContrastTargets = field(default_factory=ContrastTargets)
     lenient: bool = False
 
@@ -106,9 +106,9 @@ class SteadyContrast(SceneChoice):
                 "chosen",
                 f"{halves}, by truths and models alike; correlation of the truths at most "
                 f"{asked.truths:g}, of the models at most {asked.models:g}, of {self.models[0]} "
-                f"with {self.truths[0]} at least {asked.followed:g}; standard deviation of each at "
-                f"least {asked.spread:g}; and with that the least variance over the windows of "
-                "damping that was found",
+                f"with {self.truths[0]} from {asked.followed:g} to {asked.told_apart:g}; standard "
+                f"deviation of each at least {asked.spread:g}; and with that the least variance "
+                "over the windows of damping that was found",
             ),
         )
 

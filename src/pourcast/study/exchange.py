@@ -34,6 +34,12 @@ _WEIGHTS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 _LAST_WEIGHT = 1000.0
 """So large that no steadiness makes up for a target."""
 
+_POWERS = (1.0, 1.5)
+"""Of what is missed: with 1, a target that is met is held; above, a little is given for others."""
+
+_STEADY_STARTS = (0.0, 5.0)
+"""How much of its variance over the window is taken from a scene's contrast, for a first set."""
+
 
 @dataclass(frozen=True)
 class ContrastTargets:
@@ -47,6 +53,9 @@ class ContrastTargets:
         Largest correlation of the two models, -1..1.
     followed
         Least correlation of water's model with water's ground truth, -1..1.
+    told_apart
+        Largest correlation of the same, -1..1: where model and truth say the same, no answer tells
+        which of them is in people's heads.
     spread
         Least standard deviation of each of the four, 0..0.5.
 
@@ -59,6 +68,7 @@ class ContrastTargets:
     truths: float = -0.65
     models: float = -0.65
     followed: float = 0.45
+    told_apart: float = 0.85
     spread: float = 0.27
 
     def __post_init__(self) -> None:
@@ -87,12 +97,13 @@ class ContrastTargets:
             covariance = product[a, b] - mean[a] * mean[b]
             return np.asarray(covariance / np.sqrt(variance[a] * variance[b]))
 
+        water = r(TRUTH_WATER, MODEL_WATER)
         narrowest = np.sqrt(np.minimum.reduce(variance))
         return {
             "correlation of the truths": np.maximum(r(TRUTH_WATER, TRUTH_HONEY) - self.truths, 0.0),
             "correlation of the models": np.maximum(r(MODEL_WATER, MODEL_HONEY) - self.models, 0.0),
             "correlation of water's model with its truth": np.maximum(
-                self.followed - r(TRUTH_WATER, MODEL_WATER), 0.0
+                np.maximum(self.followed - water, water - self.told_apart), 0.0
             ),
             "standard deviation": np.maximum(self.spread - narrowest, 0.0),
         }
@@ -108,9 +119,9 @@ def choose_steady(
 ) -> NDArray[np.int64]:
     """The set of scenes that has what is asked and is judged most steadily, by exchanges.
 
-    From the scenes of the largest contrast on, one is exchanged for another of its direction, the
-    best such exchange each time: it brings the set nearer to the targets, or makes it
-    steadier. That ends where no exchange betters the set.
+    From the scenes of the largest contrast on, and from steadier ones, one is exchanged for another
+    of its direction, the best such exchange each time: it brings the set nearer to the targets, or
+    makes it steadier. That ends where no exchange betters the set.
 
     Parameters
     ----------
@@ -137,13 +148,18 @@ def choose_steady(
         If too few scenes have a direction, or no set is found that has what is asked; says which.
     """
     direction = _directions(judgments)
-    chosen = _largest_contrasts(judgments, direction, count)
+    contrast = np.min(np.abs(judgments[::2] - judgments[1::2]), axis=0)
+    starts = [_highest(contrast - k * unsteadiness, direction, count) for k in _STEADY_STARTS]
     features = np.stack(
         [*judgments, *(judgments[a] * judgments[b] for a, b in _PAIRS), unsteadiness]
     )
     if count < _FEWEST:
-        return np.sort(chosen)
-    ways = [_Exchange(features, direction, targets, power).better(chosen) for power in (1, 2)]
+        return np.sort(starts[0])
+    ways = [
+        _Exchange(features, direction, targets, power).better(start)
+        for power in _POWERS
+        for start in starts
+    ]
     last = _Exchange(features, direction, targets)
     found = min(ways, key=last.cost_of)
     missed = targets.missed(features[:, found].sum(axis=1), count)
@@ -159,11 +175,8 @@ def _directions(judgments: Array) -> NDArray[np.int64]:
     return np.where(by_truth == by_model, by_truth, 0)
 
 
-def _largest_contrasts(
-    judgments: Array, direction: NDArray[np.int64], count: int
-) -> NDArray[np.int64]:
-    """Scenes of the largest contrast by truths and models, half of them of either direction."""
-    contrast = np.min(np.abs(judgments[::2] - judgments[1::2]), axis=0)
+def _highest(values: Array, direction: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Scenes of the highest values, half of them of either direction."""
     chosen = []
     for sign, words, wanted in ((1, "water", (count + 1) // 2), (-1, "honey", count // 2)):
         there = np.flatnonzero(direction == sign)
@@ -172,7 +185,7 @@ def _largest_contrasts(
                 f"expected {wanted} scenes with more {words} in the goal by truths and models, "
                 f"found {len(there)}"
             )
-        chosen.append(there[np.argsort(-contrast[there], kind="stable")][:wanted])
+        chosen.append(there[np.argsort(-values[there], kind="stable")][:wanted])
     return np.concatenate(chosen)
 
 
@@ -196,7 +209,7 @@ class _Exchange:
     features: Array
     direction: NDArray[np.int64]
     targets: ContrastTargets
-    power: int = 1
+    power: float = 1.0
 
     def better(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
         """A set that no exchange betters.
@@ -240,7 +253,7 @@ class _Exchange:
         totals: Array = np.sum(self.features[:, chosen], axis=1)
         return totals
 
-    def _cost(self, weight: float, power: int, totals: Array, count: int) -> Any:
+    def _cost(self, weight: float, power: float, totals: Array, count: int) -> Any:
         """Shape of `totals` but for the first axis."""
         missed = sum(by**power for by in self.targets.missed(totals, count).values())
         return weight * missed + totals[-1] / count

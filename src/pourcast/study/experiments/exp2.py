@@ -7,7 +7,7 @@ from pourcast.study.experiments.base import Experiment
 EXPERIMENT = Experiment(
     name="exp2",
     title="a cup below three shapes; scenes on which water and honey disagree, honey mirrored",
-    family=ShapesFamily(),
+    family=ShapesFamily(min_radius=0.12, max_radius=0.22, band_bottom=0.6, band_top=1.15),
     choice=SteadyContrast(),
     goal="cup",
     scene_count=60,
