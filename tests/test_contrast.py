@@ -106,6 +106,9 @@ def test_what_could_not_be_had_is_said():
     all_water = np.stack([judgments[0] + 2, judgments[1], judgments[2] + 2, judgments[3]])
     with pytest.raises(InputError, match=r"expected 10 scenes with more honey .*, found 0"):
         choose_steady(all_water, unsteady, 20, TARGETS)
+    assert len(choose_steady(all_water, unsteady, 60, TARGETS, lenient=True)) == 60
+    with pytest.raises(InputError, match=r"expected 31 scenes with more water .*, found 30"):
+        choose_steady(all_water, unsteady, 61, TARGETS, lenient=True)
 
 
 def test_targets_are_in_their_ranges():

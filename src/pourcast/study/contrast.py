@@ -70,7 +70,7 @@ class SteadyContrast(SceneChoice):
     """
 
     rule: CoarseFilter = CONTRAST_FILTER
-    candidates: int = 2000
+    candidates: int = 3000
     truths: tuple[str, str] = ("truth-water", "truth-honey")
     models: tuple[str, str] = ("water-ife", "honey-ife-1")
     confirmed: float = 8.0
@@ -79,7 +79,7 @@ class SteadyContrast(SceneChoice):
 
     def quick(self) -> SceneChoice:
         """A pool of 200, of which the nearest set is taken."""
-        return replace(self, candidates=min(self.candidates, 200), confirmed=3.0, lenient=True)
+        return replace(self, candidates=min(self.candidates, 200), confirmed=2.0, lenient=True)
 
     @property
     def stages(self) -> tuple[tuple[str, str], ...]:

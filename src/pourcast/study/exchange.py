@@ -135,7 +135,8 @@ def choose_steady(
     targets
         What the set must have, if it has four scenes or more.
     lenient
-        Whether the nearest set is taken if none is found that has it.
+        Whether the nearest set is taken if none is found that has it; if too few scenes have a
+        direction, the half of all that comes nearest to it stands for it.
 
     Returns
     -------
@@ -145,9 +146,12 @@ def choose_steady(
     Raises
     ------
     InputError
-        If too few scenes have a direction, or no set is found that has what is asked; says which.
+        If there are too few scenes, or too few of a direction, or no set is found that has what is
+        asked; says which.
     """
     direction = _directions(judgments)
+    if lenient and min(np.sum(direction == sign) for sign in (1, -1)) < (count + 1) // 2:
+        direction = _halves(judgments)
     contrast = np.min(np.abs(judgments[::2] - judgments[1::2]), axis=0)
     starts = [_highest(contrast - k * unsteadiness, direction, count) for k in _STEADY_STARTS]
     features = np.stack(
@@ -173,6 +177,13 @@ def _directions(judgments: Array) -> NDArray[np.int64]:
     """1 for more water by truths and models, -1 for more honey by both, else 0; [scene_count]."""
     by_truth, by_model = np.sign(judgments[::2] - judgments[1::2]).astype(np.int64)
     return np.where(by_truth == by_model, by_truth, 0)
+
+
+def _halves(judgments: Array) -> NDArray[np.int64]:
+    """1 for the half of all scenes with more water or less honey than the others, -1 for these."""
+    contrast = np.sum(judgments[::2] - judgments[1::2], axis=0)
+    rank = np.argsort(np.argsort(-contrast, kind="stable"))
+    return np.where(rank < (len(contrast) + 1) // 2, 1, -1)
 
 
 def _highest(values: Array, direction: NDArray[np.int64], count: int) -> NDArray[np.int64]:
