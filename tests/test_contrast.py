@@ -53,6 +53,7 @@ def test_a_choice_has_what_is_asked_and_is_steadier_than_the_pool():
     assert models <= TARGETS.models + 1e-6
     assert TARGETS.followed - 1e-6 <= followed <= TARGETS.told_apart + 1e-6
     assert spread >= TARGETS.spread - 1e-6
+    assert judgments[:, chosen].std(axis=1).max() <= TARGETS.most_spread + 1e-6
     water, honey = judgments[::2, chosen], judgments[1::2, chosen]
     assert np.sum(np.all(water > honey, axis=0)) == 30
     assert np.sum(np.all(water < honey, axis=0)) == 30
@@ -70,15 +71,15 @@ def test_no_exchange_of_one_scene_is_any_better():
         for comes in (k for k in others if sign[k] == sign[leaves]):
             if unsteady[comes] >= unsteady[leaves]:
                 continue
-            truths, models, followed, spread = figures_of(
-                judgments[:, [comes, *(k for k in chosen if k != leaves)]]
-            )
+            exchanged = [comes, *(k for k in chosen if k != leaves)]
+            truths, models, followed, spread = figures_of(judgments[:, exchanged])
             exchanges += 1
             assert (
                 truths > TARGETS.truths
                 or models > TARGETS.models
                 or not TARGETS.followed <= followed <= TARGETS.told_apart
                 or spread < TARGETS.spread
+                or judgments[:, exchanged].std(axis=1).max() > TARGETS.most_spread
             )
     assert exchanges > 20
 
@@ -101,7 +102,9 @@ def test_what_could_not_be_had_is_said():
         choose_steady(judgments, unsteady, 20, TARGETS)
     assert len(choose_steady(judgments, unsteady, 20, TARGETS, lenient=True)) == 20
     narrow = 0.5 + 0.1 * (judgments - 0.5)
-    with pytest.raises(InputError, match=r"the nearest miss the standard deviation by 0.2\d$"):
+    with pytest.raises(
+        InputError, match=r"the nearest miss the smallest standard deviation by 0.2\d$"
+    ):
         choose_steady(narrow, unsteady, 10, ContrastTargets(truths=1, models=1, followed=-1))
     all_water = np.stack([judgments[0] + 2, judgments[1], judgments[2] + 2, judgments[3]])
     with pytest.raises(InputError, match=r"expected 10 scenes with more honey .*, found 0"):

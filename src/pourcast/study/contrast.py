@@ -107,8 +107,8 @@ class SteadyContrast(SceneChoice):
                 f"{halves}, by truths and models alike; correlation of the truths at most "
                 f"{asked.truths:g}, of the models at most {asked.models:g}, of {self.models[0]} "
                 f"with {self.truths[0]} from {asked.followed:g} to {asked.told_apart:g}; standard "
-                f"deviation of each at least {asked.spread:g}; and with that the least variance "
-                "over the windows of damping that was found",
+                f"deviation of each from {asked.spread:g} to {asked.most_spread:g}; and with that "
+                "the least variance over the windows of damping that was found",
             ),
         )
 

@@ -56,8 +56,9 @@ class ContrastTargets:
     told_apart
         Largest correlation of the same, -1..1: where model and truth say the same, no answer tells
         which of them is in people's heads.
-    spread
-        Least standard deviation of each of the four, 0..0.5.
+    spread, most_spread
+        Least and largest standard deviation of each of the four, 0..0.5. Evenly spread judgments
+        have 0.29; the nearer to 0.5, the more are all or nothing.
 
     Raises
     ------
@@ -70,10 +71,11 @@ class ContrastTargets:
     followed: float = 0.45
     told_apart: float = 0.85
     spread: float = 0.27
+    most_spread: float = 0.35
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            low, high = (0.0, 0.5) if name == "spread" else (-1.0, 1.0)
+            low, high = (0.0, 0.5) if "spread" in name else (-1.0, 1.0)
             if not low <= value <= high:
                 raise InputError(
                     f"contrast targets: {name}: expected {low:g} to {high:g}, found {value}"
@@ -98,14 +100,17 @@ class ContrastTargets:
             return np.asarray(covariance / np.sqrt(variance[a] * variance[b]))
 
         water = r(TRUTH_WATER, MODEL_WATER)
-        narrowest = np.sqrt(np.minimum.reduce(variance))
+        narrowest, widest = (
+            np.sqrt(extreme.reduce(variance)) for extreme in (np.minimum, np.maximum)
+        )
         return {
             "correlation of the truths": np.maximum(r(TRUTH_WATER, TRUTH_HONEY) - self.truths, 0.0),
             "correlation of the models": np.maximum(r(MODEL_WATER, MODEL_HONEY) - self.models, 0.0),
             "correlation of water's model with its truth": np.maximum(
                 np.maximum(self.followed - water, water - self.told_apart), 0.0
             ),
-            "standard deviation": np.maximum(self.spread - narrowest, 0.0),
+            "smallest standard deviation": np.maximum(self.spread - narrowest, 0.0),
+            "largest standard deviation": np.maximum(widest - self.most_spread, 0.0),
         }
 
 
