@@ -85,10 +85,8 @@ class SteadyContrast(SceneChoice):
     def stages(self) -> tuple[tuple[str, str], ...]:
         """See `SceneChoice.stages`."""
         truths, models = " and ".join(self.truths), " and ".join(self.models)
-        asked, halves = (
-            self.targets,
-            "half of them with more water in the goal, half with more honey",
-        )
+        halves = "half of them with more water in the goal, half with more honey"
+        asked, nearest = self.targets, ", or the nearest to that" if self.lenient else ""
         return (
             ("drawn", "at random"),
             ("filtered", self.rule.words),
@@ -107,8 +105,8 @@ class SteadyContrast(SceneChoice):
                 f"{halves}, by truths and models alike; correlation of the truths at most "
                 f"{asked.truths:g}, of the models at most {asked.models:g}, of {self.models[0]} "
                 f"with {self.truths[0]} from {asked.followed:g} to {asked.told_apart:g}; standard "
-                f"deviation of each from {asked.spread:g} to {asked.most_spread:g}; and with that "
-                "the least variance over the windows of damping that was found",
+                f"deviation of each from {asked.spread:g} to {asked.most_spread:g}{nearest}; and "
+                "with that the least variance over the windows of damping that was found",
             ),
         )
 
