@@ -79,7 +79,7 @@ class SteadyContrast(SceneChoice):
 
     def quick(self) -> SceneChoice:
         """A pool of 200, of which the nearest set is taken."""
-        return replace(self, candidates=min(self.candidates, 200), confirmed=2.0, lenient=True)
+        return replace(self, candidates=min(self.candidates, 200), confirmed=3.0, lenient=True)
 
     @property
     def stages(self) -> tuple[tuple[str, str], ...]:
