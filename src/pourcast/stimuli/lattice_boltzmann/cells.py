@@ -76,6 +76,8 @@ class Flow(NamedTuple):
     """Acceleration of cells at a wall towards it."""
     viscosity: float
     relaxation_time: float
+    odd_kept: float
+    """Share of odd moments of the third order that a step keeps; negative: they overshoot."""
     smagorinsky: float
     """18 sqrt(2) C^2, with Smagorinsky's constant C."""
 

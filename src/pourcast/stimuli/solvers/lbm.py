@@ -10,7 +10,7 @@ from pourcast.pictures.video import FRAME_RATE
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
-from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow, LatticeSettings
+from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow, LatticeSettings, slip_of
 from pourcast.stimuli.lattice_boltzmann.voxels import Voxels, voxelise
 from pourcast.stimuli.recording import FULL, Moment, RecordedPour
 from pourcast.stimuli.solvers.base import Solver
@@ -63,6 +63,7 @@ class LatticeBoltzmann(Solver):
         return {
             "kinematic_viscosity": liquid.kinematic_viscosity,
             "slip": liquid.slip,
+            "slip_length": liquid.slip_length,
             "wall_pull": liquid.wall_pull,
         }
 
@@ -82,13 +83,14 @@ def start_flow(
 ) -> LatticeFlow:
     """The liquid at its start, in its real size."""
     scale = solver.real_size / max(scene.box.width, scene.box.height, scene.box.depth)
+    slip = max(liquid.slip, slip_of(liquid.slip_length, voxels.cell * scale))
     return LatticeFlow(
         fill=voxels.fill,
         solid=voxels.solid,
         cell=voxels.cell * scale,
         viscosity=liquid.kinematic_viscosity,
         normal=voxels.normal,
-        slip=liquid.slip,
+        slip=np.where(voxels.plane, 1.0, slip).astype(np.float32),
         adhesion=liquid.wall_pull,
         settings=LatticeSettings(threads=threads),
         name=f"scene {scene.id!r}, {liquid}",
