@@ -286,6 +286,48 @@ def test_a_thick_film_runs_down_a_slope_as_nusselts(relaxation_time, slip_length
     assert (mass * speed).sum() / mass.sum() == pytest.approx(exact, rel=0.12)
 
 
+@pytest.mark.parametrize("cell", [0.005, 0.00125])
+def test_water_between_rough_walls_is_slowed_by_the_power_law_of_the_wall(cell):
+    # Two cells deep: u' = -u*^2 / cell, with u / u* = 8.3 (u* cell / (2 nu))^(1/7).
+    rough = np.zeros((5, 4, 5), dtype=bool)
+    rough[:, [0, -1]] = True
+    velocity = np.zeros((3, 3, 2, 3))
+    velocity[0] = 2.0
+    flow = LatticeFlow(
+        np.ones((3, 2, 3)), empty(3, 2, 3), cell=cell, viscosity=WATER, velocity=velocity,
+        rough=rough, gravity=(0.0, 0.0, 0.0), periodic=(True, False, True), time_step=0.05 * cell,
+    )  # fmt: skip
+    flow.advance(50 * cell)
+    u, count = 2.0, 10_000
+    for _ in range(count):
+        friction_speed = (u / 8.3) ** 0.875 * (2.0 * WATER / cell) ** 0.125
+        u -= flow.time / count * friction_speed**2 / cell
+    assert u < 1.8
+    assert mean_velocity(flow)[0] == pytest.approx(u, rel=0.01)
+
+
+def test_liquid_is_let_go_by_a_wall_that_would_have_to_pull():
+    # Under a ceiling that is not along the lattice, where liquid would hang from its own suction.
+    fall = []
+    for slip in (1.0, 0.0):
+        fill = np.zeros((9, 24, 9))
+        fill[:, 14:20] = 1.0
+        solid = empty(9, 24, 9)
+        solid[:, 20:] = True
+        normal = wall_normals(fill.shape)
+        normal[:, 1:-1, 21:-1, 1:-1] = np.array([0.1, 0.995, 0.0]).reshape(3, 1, 1, 1)
+        flow = LatticeFlow(
+            fill, solid, cell=0.01, viscosity=1e-2, normal=normal, slip=np.where(
+                np.arange(26)[None, :, None] > 20, slip, 1.0
+            ) * np.ones((11, 26, 11)),
+        )  # fmt: skip
+        start = centre_of_mass(flow)
+        flow.advance(0.1)
+        fall.append((start - centre_of_mass(flow)) / (0.5 * GRAVITY * flow.time**2))
+    assert fall[0] == pytest.approx(1.0, abs=0.1)
+    assert fall[1] < 0.7
+
+
 def test_honey_on_a_floor_spreads_as_a_gravity_current():
     # Huppert (1982), J. Fluid Mech. 121: a volume q of a thick liquid in two dimensions reaches
     # 1.411 (g q^3 t / (3 nu))^(1/5).

@@ -43,7 +43,8 @@ class Liquid:
     kinematic_viscosity
         Stimuli's solver [m^2/s], 1e-9..10; water has 1e-6.
     slip
-        Stimuli's solver: 1 lets the liquid slip along walls (the paper's), 0 holds it.
+        Stimuli's solver: 1 lets the liquid slip along walls, 0 holds it: thick liquid without
+        slip (but see `slip_length`), thin liquid by the drag of its boundary layer.
     slip_length
         Stimuli's solver, where walls hold the liquid: how far behind them its speed would vanish
         (Navier 1823) [m of the film's real size], 0..1; 0 is no slip at all.

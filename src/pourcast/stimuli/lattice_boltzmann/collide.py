@@ -151,6 +151,7 @@ def _pull_at_wall(cell: int, lane: int, cells: Any, before: Any, scratch: Any, f
                 gained += _gained(i, fill, kind, other, cells, arriving, leaving)
     if at_surface:
         cells.mass[cell] += gained
+    _drag(cell, lane, cells, scratch, flow)
     if links > 0:
         _slide(cell, lane, cells, links, scratch, flow)
         _adhere(lane, links, scratch, flow.adhesion)
@@ -234,6 +235,40 @@ def _slide(cell: int, lane: int, cells: Any, links: int, scratch: Any, flow: Any
         gain = 6.0 * WEIGHT[i] * cells.density[cell] * cells.slip[wall] * along
         scratch[i, lane] += gain
         cells.leaked[cell] += gain
+
+
+@kernel
+def wall_stress(speed: float, viscosity: float) -> Any:
+    """Stress over density at a wall, of liquid that moves at a speed half a cell from it.
+
+    The power law of the wall, u+ = 8.3 (y+)^(1/7), and the viscous sublayer below it (Werner &
+    Wengle 1991, 8th Symposium on Turbulent Shear Flows).
+    """
+    viscous = 2.0 * viscosity * speed
+    friction_speed = (speed / 8.3) ** 0.875 * (2.0 * viscosity) ** 0.125
+    return max(viscous, friction_speed * friction_speed)
+
+
+@kernel
+def _drag(cell: int, lane: int, cells: Any, scratch: Any, flow: Any) -> None:
+    """Slow a cell by the boundary layers of the rough walls beside it."""
+    nx, ny, nz = cells.face[0, cell], cells.face[1, cell], cells.face[2, cell]
+    area = np.sqrt(nx * nx + ny * ny + nz * nz)
+    if area < 1e-3:
+        return
+    nx, ny, nz = nx / area, ny / area, nz / area
+    ux, uy, uz = cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell]
+    across = ux * nx + uy * ny + uz * nz
+    ux, uy, uz = ux - across * nx, uy - across * ny, uz - across * nz
+    speed = np.sqrt(ux * ux + uy * uy + uz * uz)
+    if speed < 1e-7:
+        return
+    # No more than what stops it; a cell that is not full has less to be slowed.
+    held = max(cells.fill[cell], 0.1)
+    rate = min(area * wall_stress(speed, flow.viscosity) / (held * speed), 0.5)
+    scratch[FORCE, lane] -= rate * ux
+    scratch[FORCE + 1, lane] -= rate * uy
+    scratch[FORCE + 2, lane] -= rate * uz
 
 
 @kernel

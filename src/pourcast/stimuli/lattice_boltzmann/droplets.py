@@ -78,8 +78,8 @@ def _move(k: int, cells: Any, drops: Any, flow: Any) -> None:
     nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
     across = vx * nx + vy * ny + vz * nz
     thickness = min(max(drops[6, k], 1e-3), 1.0)
-    held = 1.0 - cells.slip[wall]
-    drag = 3.0 * flow.viscosity * held / (thickness * (held * thickness + 1.5 * cells.slip[wall]))
+    held = 1.0 if cells.rough[wall] else 1.0 - cells.slip[wall]
+    drag = 3.0 * flow.viscosity * held / (thickness * (held * thickness + 1.5 * (1.0 - held)))
     drag += 1.0
     vx, vy, vz = (vx - across * nx) / drag, (vy - across * ny) / drag, (vz - across * nz) / drag
     for aside in _STEPS_ASIDE:

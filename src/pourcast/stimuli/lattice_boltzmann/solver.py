@@ -27,6 +27,9 @@ from pourcast.stimuli.lattice_boltzmann.rescale import rescale
 GRAVITY = 9.81
 """Standard gravity [m/s^2]."""
 
+SUBLAYER = 11.81
+"""Thickness of the viscous sublayer in wall units (Werner & Wengle 1991)."""
+
 _MAGIC = 3.0 / 16.0
 """Product of both relaxation times, each less 1/2, with which walls stand half-way between cells
 (Ginzburg, Verhaeghe & d'Humieres 2008, Commun. Comput. Phys. 3)."""
@@ -101,6 +104,9 @@ class LatticeFlow:
         1 where walls let the liquid slip, 0 where they hold it; of all walls, or of each cell with
         the margin, shape [nx + 2, ny + 2, nz + 2]. Between, the wall moves with this share of the
         velocity of the liquid beside it: see `slip_of`.
+    rough
+        Which solid cells drag at liquid that slips along them as a turbulent boundary layer does,
+        with the margin, shape [nx + 2, ny + 2, nz + 2]; none by default.
     periodic
         Axes along which the grid goes on at its other end.
     velocity
@@ -126,6 +132,7 @@ class LatticeFlow:
     adhesion: float = 0.0
     normal: NDArray[np.float32] | None = None
     slip: float | NDArray[np.float32] = 1.0
+    rough: NDArray[np.bool_] | None = None
     periodic: tuple[bool, bool, bool] = (False, False, False)
     velocity: NDArray[np.float64] | None = None
     time_step: float | None = None
@@ -146,7 +153,8 @@ class LatticeFlow:
         padded = np.pad(self.solid, 1, constant_values=True)
         normal = wall_normals(self.shape, self.periodic) if self.normal is None else self.normal
         slip = np.broadcast_to(np.asarray(self.slip, dtype=np.float32), padded.shape)
-        self._cells = new_cells(padded, normal, slip, self._fallen())
+        rough = np.zeros_like(padded) if self.rough is None else padded & self.rough
+        self._cells = new_cells(padded, normal, slip, self._fallen(), rough)
         self._parts = new_parts(padded.size)
         self._here = 0
         self._scratch = np.zeros((self.settings.threads, SCRATCH_ROWS, LANES), dtype=np.float32)
