@@ -511,7 +511,7 @@ def test_held_honey_is_slower_than_slipping_honey(ramp):
     # The paper's honey slips; `slip` 0 holds it, and leaves some on the ramp.
     left = []
     for slip in (1.0, 0.0):
-        honey = replace(registry.HONEY_EXP1, slip=slip, kinematic_viscosity=5e-3)
+        honey = replace(registry.HONEY_EXP1, slip=slip, slip_length=0.0, kinematic_viscosity=5e-3)
         left.append(lbm.pour_to_end(ramp, honey, COARSE, 1.0)[1])
     assert left[1] > left[0] + 0.1
 
