@@ -1,0 +1,288 @@
+"""What a point gives: scenes drawn and filtered at it, all models on them, through a store.
+
+    FOLDER/point.toml       the point
+    FOLDER/scenes.json      its scenes
+    FOLDER/sweep/           the store of its pours
+    FOLDER/measured.json    judgments of each model on each scene: done means that it is there
+
+Whatever is there is not done again, so that it can be interrupted at any moment.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from pebble import ProcessPool
+
+from benchmarks.calibration.space import HONEY_NAME, WATER_NAME, Point, World, point_text, world
+from benchmarks.calibration.targets import IFES, MODELS, TRUTHS, VARIANCES, Target
+from pourcast.errors import InputError, SimulationDivergedError
+from pourcast.files import write_text
+from pourcast.models.registry import presets
+from pourcast.progress import Report, no_report
+from pourcast.scenes.scene import Scene
+from pourcast.scenes.scene_file import read_scenes, write_scenes
+from pourcast.simulation.run import engine_version
+from pourcast.study.selection import filtered_scenes
+from pourcast.sweep.executors.in_process import InProcessExecutor
+from pourcast.sweep.grid import Grid, GridFile, GridModels, make_grid
+from pourcast.sweep.plan import Plan, make_plan
+from pourcast.sweep.run import run_sweep
+from pourcast.sweep.store import Store
+from pourcast.sweep.table import setting_judgments
+
+Array = NDArray[np.float64]
+
+SHARD_SECONDS = 20.0
+"""Work that is lost at most when a worker is killed [s of one core]."""
+
+FLIP = 0.5
+"""A scene flips if its judgments range over more than this in the window."""
+
+LIQUID_OF = {
+    "truth-water": WATER_NAME,
+    "truth-honey": HONEY_NAME,
+    "water-ife": WATER_NAME,
+    "honey-ife-1": HONEY_NAME,
+    "honey-ife-2": WATER_NAME,
+}
+"""What flows in the model's head."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a point gave.
+
+    Parameters
+    ----------
+    point
+        The point.
+    judgments
+        Model -> its judgment of each scene.
+    windows
+        IFE -> judgments at each zeta of its window, shape [zeta_count, scene_count].
+    stranded
+        Truth -> mean share of the liquid that stays on obstacles.
+    drawn, kept
+        Scenes drawn, and how many of these passed the filter.
+    obstacles
+        Their mean number in a scene.
+    failure
+        What went wrong; then there is nothing else.
+    """
+
+    point: dict[str, Any]
+    judgments: dict[str, list[float]] = field(default_factory=dict)
+    windows: dict[str, list[list[float]]] = field(default_factory=dict)
+    stranded: dict[str, float] = field(default_factory=dict)
+    drawn: int = 0
+    kept: int = 0
+    obstacles: float = 0.0
+    failure: str = ""
+
+    @property
+    def scenes(self) -> int:
+        """How many scenes it was measured on."""
+        return len(next(iter(self.judgments.values()), []))
+
+    def correlation(self, first: str, second: str) -> float:
+        """Pearson r of two models over the scenes; NaN if one of them never varies."""
+        a, b = np.array(self.judgments[first]), np.array(self.judgments[second])
+        if a.std() == 0.0 or b.std() == 0.0:
+            return np.nan
+        return float(np.corrcoef(a, b)[0, 1])
+
+    def scene_variances(self, ife: str) -> Array:
+        """Variance over the window of zeta in each scene."""
+        variances: Array = np.array(self.windows[ife]).var(axis=0, ddof=1)
+        return variances
+
+    def flips(self, ife: str) -> float:
+        """Share of scenes whose judgment flips over the window."""
+        return float(np.mean(np.ptp(np.array(self.windows[ife]), axis=0) > FLIP))
+
+
+LEAST_VARIANCE = 1e-5
+"""Added to variances before their logarithm is taken: a particle of fifty that changes sides once
+in a window of nine makes 4e-5 in its scene."""
+
+
+def log_variance(per_scene: Array) -> tuple[float, float]:
+    """Logarithm of a mean over scenes, and the variance that sampling gives it for one scene.
+
+    To first order (the delta method), which is the jackknife's to first order too; the bias of
+    the logarithm, half its variance, is taken out.
+    """
+    mean = float(per_scene.mean()) + LEAST_VARIANCE
+    of_one = float(per_scene.var(ddof=1)) / mean**2
+    return float(np.log(mean)) + 0.5 * of_one / len(per_scene), of_one
+
+
+def output(measured: Measured, target: Target, one_scene: float) -> tuple[float, float]:
+    """A point's value of an output, and the variance of its sampling; NaN if it has none.
+
+    Parameters
+    ----------
+    measured
+        The point.
+    target
+        The output.
+    one_scene
+        For variances: sampling variance of the logarithm for one scene, pooled over all points
+        (a point's own is small just where it happened to draw no scene that flips).
+    """
+    n = measured.scenes
+    if target.kind in ("correlation", "bound"):
+        first, second = target.name.split(" / ")
+        r = np.clip(measured.correlation(first, second), -0.999, 0.999)
+        return float(np.arctanh(r)), 1.0 / (n - 3)
+    if target.kind == "variance":
+        return log_variance(measured.scene_variances(target.name))[0], one_scene / n
+    return measured.stranded[target.name], 0.05**2 / n
+
+
+def _parameters(preset: str) -> dict[str, Any]:
+    return dict(presets()[preset]["parameters"])
+
+
+def grid_of_world(here: World, shard_seconds: float = SHARD_SECONDS) -> Grid:
+    """All models on a point's scenes, the IFEs one zeta at a time, the others as in the paper."""
+    entries = []
+    for name in (*TRUTHS, *IFES):
+        given = _parameters(name)
+        zeta, sigma = given["damping_zeta"], given["zeta_sigma"]
+        dampings = [zeta + k for k in range(-sigma, sigma + 1)]
+        values = {"n_particles": given["n_particles"], "damping_zeta": dampings, "zeta_sigma": 0}
+        liquid = LIQUID_OF[name]
+        entries.append(GridModels(model="ife", liquids=(liquid,), parameters=values))
+    for name in MODELS[len(entries) :]:
+        entries.append(GridModels(model=name, liquids=(WATER_NAME,)))
+    content = GridFile(models=tuple(entries), shard_seconds=shard_seconds)
+    return make_grid("point", content, (here.water, here.honey))
+
+
+def measure(point: Point, scenes: int, seed: int, folder: Path) -> Measured:
+    """Measure a point; what its folder has already is not done again.
+
+    Parameters
+    ----------
+    point
+        The point.
+    scenes
+        How many scenes are drawn and filtered.
+    seed
+        Of the scenes.
+    folder
+        Where results are kept.
+
+    Raises
+    ------
+    InputError
+        If the folder holds another point, or what another state of the engine gave.
+    """
+    key = {"point": dict(point), "scenes": scenes, "seed": seed, "engine": engine_version()}
+    done = folder / "measured.json"
+    if done.exists():
+        content = json.loads(done.read_text(encoding="utf-8"))
+        if content["key"] != key:
+            raise InputError(
+                f"{done}: another point, or another state of the engine: take another --store"
+            )
+        return Measured(**content["measured"])
+    write_text(folder / "point.toml", point_text(point))
+    try:
+        found = _measure(world(point), dict(point), scenes, seed, folder)
+    except (InputError, SimulationDivergedError) as error:
+        found = Measured(dict(point), failure=str(error))
+    write_text(done, json.dumps({"key": key, "measured": vars(found)}) + "\n")
+    return found
+
+
+def _measure(here: World, point: dict[str, Any], count: int, seed: int, folder: Path) -> Measured:
+    scenes, drawn, kept = _scenes(here, count, seed, folder)
+    plan, store = make_plan(grid_of_world(here), scenes, here.engine), Store(folder / "sweep")
+    result = run_sweep(plan, store, InProcessExecutor, attempts=1)
+    if result.failures:
+        return Measured(point, failure=result.failures[0].message)
+    files = list(store.paths().values())
+    values, stranded = setting_judgments(plan, store, files), _stranded(plan, store, files)
+    # Answers come in the order of the grid: one for each zeta of an IFE's window, one for the rest.
+    answers = iter(plan.answers)
+    judgments, windows, stays = {}, {}, {}
+    for name, entry in zip(MODELS, plan.grid.content.models, strict=True):
+        several = len(entry.axes().get("damping_zeta", [0]))
+        numbers = [list(next(answers).settings) for _ in range(several)]
+        window = np.array([values[few].mean(axis=0) for few in numbers])
+        judgments[name] = window.mean(axis=0).tolist()
+        if name in VARIANCES:
+            windows[name] = window.tolist()
+        stays[name] = float(np.mean([stranded.get(k, 0.0) for few in numbers for k in few]))
+    obstacles = float(np.mean([len(scene.obstacles) for scene in scenes]))
+    return Measured(point, judgments, windows, stays, drawn, kept, obstacles)
+
+
+def _scenes(here: World, count: int, seed: int, folder: Path) -> tuple[list[Scene], int, int]:
+    """A point's scenes, how many were drawn for them, and how many of those passed."""
+    path, counts = folder / "scenes.json", folder / "drawn.json"
+    if not (path.exists() and counts.exists()):
+        chosen = filtered_scenes(here.family, count, seed, rule=here.rule)
+        write_scenes(path, chosen.scenes)
+        write_text(counts, json.dumps([chosen.drawn, chosen.kept]))
+    drawn, kept = json.loads(counts.read_text(encoding="utf-8"))
+    return read_scenes(path), drawn, kept
+
+
+def _stranded(plan: Plan, store: Store, files: Sequence[Path]) -> dict[int, float]:
+    """Setting -> mean share of the liquid that stays on obstacles, if it is poured."""
+    number = {setting.identity: k for k, setting in enumerate(plan.settings)}
+    tables = [table for path in files if (table := store.read(path)) is not None]
+    rows = pa.concat_tables(tables).select(["setting", "stranded"]).to_pandas().dropna()
+    means = rows.groupby("setting", observed=True)["stranded"].mean()
+    return {number[str(identity)]: float(value) for identity, value in means.items()}
+
+
+@dataclass(frozen=True)
+class Errand:
+    """A point that is to be measured; see `measure`."""
+
+    point: dict[str, Any]
+    scenes: int
+    seed: int
+    folder: Path
+
+    def run(self) -> Measured:
+        """Measure it."""
+        return measure(self.point, self.scenes, self.seed, self.folder)
+
+
+def measure_all(
+    errands: Sequence[Errand], workers: int, report: Report = no_report
+) -> list[Measured]:
+    """Measure points, each on a core of its own; results don't depend on how many there are.
+
+    Parameters
+    ----------
+    errands
+        The points.
+    workers
+        How many at a time.
+    report
+        Told of the progress.
+    """
+    with ProcessPool(workers, context=get_context("spawn")) as pool:
+        futures = [pool.schedule(Errand.run, args=(errand,)) for errand in errands]
+        found = []
+        try:
+            for number, future in enumerate(futures, start=1):
+                found.append(future.result())
+                report("points", number, len(errands))
+        except BaseException:
+            pool.stop()
+            raise
+    return found
