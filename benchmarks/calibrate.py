@@ -2,8 +2,8 @@
 
     python -m benchmarks.calibrate --waves 3 --points 60 --scenes 30 --store DIR
 
-draws points of the open choices (`calibration/space.py`), measures each on scenes of its own through
-a store, emulates every output, rules out what is implausible, and draws again in the rest
+draws points of the open choices (`calibration/space.py`), measures each on scenes of its own
+through a store, emulates every output, rules out what is implausible, and draws again in the rest
 (`calibration/matching.py`). DIR keeps everything: the same command goes on after any interruption.
 Writes DIR/report.md, its figures, and DIR/recommended.toml.
 

@@ -7,7 +7,7 @@ that the paper gives (N, alpha, zeta, sigma, area of the obstacles) are no choic
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,11 +26,13 @@ from pourcast.study.experiments.exp1 import EXPERIMENT
 from pourcast.study.selection import CoarseFilter
 
 Section = Literal["engine", "water", "honey", "family", "filter"]
-Scale = Literal["linear", "log", "square", "levels"]
+Scale = Literal["linear", "log", "square", "cubic", "levels"]
 Value = float | int | str
 Point = Mapping[str, Value]
 """Choice -> value."""
 Array = NDArray[np.float64]
+
+_POWERS = {"linear": 1, "square": 2, "cubic": 3}
 
 SECTIONS: tuple[Section, ...] = ("engine", "water", "honey", "family", "filter")
 
@@ -51,8 +53,8 @@ class Choice:
     low, high
         Range, in the fields' unit.
     scale
-        How the unit interval is laid over it: ``square`` is finest at the low end, and reaches
-        0, which ``log`` can't; ``levels`` are a few words or numbers.
+        How the unit interval is laid over it: ``square`` and ``cubic`` are finest at the low end,
+        and reach 0, which ``log`` can't; ``levels`` are a few words or numbers.
     why
         Why this range.
     levels
@@ -82,9 +84,7 @@ class Choice:
         if self.scale == "log":
             value = self.low * (self.high / self.low) ** unit
         else:
-            value = self.low + (self.high - self.low) * (
-                unit**2 if self.scale == "square" else unit
-            )
+            value = self.low + (self.high - self.low) * unit ** _POWERS[self.scale]
         return round(value) if self.whole else float(value)
 
     def unit(self, value: Value) -> float:
@@ -95,7 +95,7 @@ class Choice:
         if self.scale == "log":
             return float(np.log(number / self.low) / np.log(self.high / self.low))
         share = (number - self.low) / (self.high - self.low)
-        return float(np.sqrt(max(share, 0.0))) if self.scale == "square" else share
+        return float(np.sign(share) * abs(share) ** (1.0 / _POWERS[self.scale]))
 
     def seen(self, unit: Array) -> Array:
         """What emulators see of a place: that place, or the middle of its level."""
@@ -123,10 +123,6 @@ CHOICES: tuple[Choice, ...] = (
         "obstacles stand above the divider, and reach down to the basins or stop half-way",
     ),
     Choice(
-        "family", ("band_top",), 1.05, 1.3, "linear",
-        "below the liquid, which hangs from 1.33 m up",
-    ),
-    Choice(
         "family", ("wall_gap",), 0.0, 0.1, "square",
         "solid cells at the side walls or not: up to the spheres of liquid (0.074 m) and more",
     ),
@@ -151,12 +147,48 @@ CHOICES: tuple[Choice, ...] = (
         "as the normal one: the paper has two parameters, set by eye",
     ),
     Choice(
+        "honey", ("tension",), 0.0, 0.3, "cubic",
+        "none, to what no liquid here exceeds: from 0.03 on a blob stays whole, 1 is as 0.3",
+    ),
+    Choice(
+        "honey", ("cohesion",), 0.0, 0.03, "cubic",
+        "none, to a capillary length sqrt(cohesion / g) of 0.055 m: most blobs stay whole",
+    ),
+    Choice(
+        "water", ("tension",), 0.0, 0.05, "cubic",
+        "none, to where a blob stays whole: the paper's water splashes",
+    ),
+    Choice(
+        "water", ("cohesion",), 0.0, 0.01, "cubic",
+        "none, to a capillary length of 0.03 m, a particle's spacing",
+    ),
+    Choice(
+        "engine", ("damping_scale",), 0.4, 1.2, "log",
+        "1 as written; 0.5 as when zeta acts in one of two half-kicks of an integrator",
+    ),
+    Choice(
         "engine", ("sound_speed",), 20.0, 54.0, "log",
         "4 to 10 times the fastest flow (5 m/s); Monaghan 1994 asks for about ten",
     ),
     Choice(
         "engine", ("support_in_spacings",), 1.8, 2.8, "linear",
         "25 to 90 neighbours in 3-D; below, pairs don't feel one another (Monaghan 1992)",
+    ),
+    Choice(
+        "engine", ("contact_radius",), 0.3, 0.6, "linear",
+        "half a spacing in a packing that touches; the paper's spheres have no size given",
+    ),
+    Choice(
+        "engine", ("contact_layer",), 0.02, 0.5, "log",
+        "how near 'in contact' is: a fiftieth of a radius to half of one",
+    ),
+    Choice(
+        "engine", ("marble_radius",), 0.35, 0.62, "linear",
+        "marbles that fill a fifth of the liquid's volume to all of it",
+    ),
+    Choice(
+        "engine", ("viscous_pairs",), 0.0, 1.0, "levels",
+        "Monaghan 1992 (approaching) or 2005 (all)", levels=("approaching", "all"),
     ),
 )  # fmt: skip
 """All of them."""
@@ -207,20 +239,32 @@ def product_point() -> dict[str, Value]:
 
 
 def world(point: Point) -> World:
-    """What a point means; choices that it doesn't name are the product's.
+    """What a point means; what it doesn't name is the product's.
+
+    Parameters
+    ----------
+    point
+        Choices, or other fields of the sections.
 
     Raises
     ------
     InputError
-        If there is no such choice, or a value is out of what its section allows.
+        If there is no such field, or a value is out of what its section allows.
     """
-    known = {choice.name: choice for choice in CHOICES}
+    sections = product_sections()
     changes: dict[Section, dict[str, Value]] = {section: {} for section in SECTIONS}
     for name, value in point.items():
-        if name not in known:
-            raise InputError(f"point: {unknown(name, list(known))}")
-        changes[known[name].section] |= dict.fromkeys(known[name].fields, value)
-    made = {name: replace(one, **changes[name]) for name, one in product_sections().items()}
+        section, _, entry = name.partition(".")
+        if section not in sections:
+            raise InputError(f"point: {unknown(section, list(SECTIONS))}")
+        entries = [one.name for one in fields(sections[section])]
+        if entry not in entries:
+            raise InputError(f"point: [{section}]: {unknown(entry, entries)}")
+        changes[section][entry] = value
+    for choice in CHOICES:
+        if choice.name in point:
+            changes[choice.section] |= dict.fromkeys(choice.fields, point[choice.name])
+    made = {name: replace(one, **changes[name]) for name, one in sections.items()}
     water = replace(made["water"], name=WATER_NAME, called="", goals=())
     honey = replace(made["honey"], name=HONEY_NAME, called="", goals=())
     rule = made["filter"]

@@ -26,7 +26,14 @@ from benchmarks.calibration.matching import (
     region,
     spread_out,
 )
-from benchmarks.calibration.measure import Errand, Measured, log_variance, measure_all, output
+from benchmarks.calibration.measure import (
+    SECOND_ZETA,
+    Errand,
+    Measured,
+    log_variance,
+    measure_all,
+    output,
+)
 from benchmarks.calibration.targets import VARIANCES, Target, targets
 from pourcast.errors import InputError
 from pourcast.files import write_text
@@ -124,6 +131,7 @@ def run_waves(request: Request, store: Path, report: Report = no_report) -> list
                 request.scenes,
                 scene_seed(request.seed, number, k),
                 store / f"wave-{number}" / f"{k:03d}",
+                SECOND_ZETA,
             )
             for k, place in enumerate(places, start=1)
         ]

@@ -17,7 +17,7 @@ from pourcast.scenes.goals.base import Goal
 from pourcast.scenes.liquids.base import RESERVED, Liquid
 from pourcast.scenes.liquids.registry import known_liquids
 from pourcast.scenes.scene import Scene
-from pourcast.simulation.pour import Pour, spacing_in
+from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import engine_version
 from pourcast.simulation.settings import EngineSettings, Kind
 from pourcast.simulation.versions import code_version, defining_modules
@@ -86,7 +86,7 @@ class PourSetting:
 
     def seconds(self, scene: Scene) -> float:
         """Rough time in a scene on one core [s]."""
-        spacing = spacing_in(scene, self.n_particles)
+        spacing = self.engine.spacing_in(scene, self.n_particles)
         return pour_seconds(
             self.kind, self.liquid, self.n_particles, self.damping_zeta, spacing, self.engine
         )
