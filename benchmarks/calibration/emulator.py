@@ -23,6 +23,9 @@ LENGTHS = (0.6, 40.0)
 
 RESTARTS = 1
 
+LEAST_SIGNAL = 0.05
+"""Share of the variance among points that can be told from sampling noise."""
+
 
 @dataclass(frozen=True)
 class Emulator:
@@ -84,8 +87,9 @@ def fit(places: Array, values: Array, noise: Array, seed: int = 0) -> Emulator:
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(_centred(places), (values - centre) / scale)
     residuals, errors = _left_out(process, (values - centre) / scale)
-    signal = max(1.0 - float(np.mean(noise)) / scale**2, 1e-3)
-    explained = 1.0 - (float(np.mean(errors**2)) - float(np.mean(noise)) / scale**2) / signal
+    # As the values are scaled, their variance is 1, and what isn't noise is signal.
+    signal = max(1.0 - float(np.mean(noise)) / scale**2, LEAST_SIGNAL)
+    explained = float(np.clip((1.0 - np.mean(errors**2)) / signal, 0.0, 1.0))
     return Emulator(process, centre, scale, residuals, explained)
 
 
