@@ -30,7 +30,8 @@ def main(words: list[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--waves", type=int, default=3)
-    parser.add_argument("--points", type=int, default=60, help="points in a wave")
+    parser.add_argument("--points", type=int, default=60, help="points in the first wave")
+    parser.add_argument("--later-points", type=int, help="points in each later wave; as many")
     parser.add_argument("--scenes", type=int, default=30, help="scenes at a point")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=available_cores())
@@ -41,7 +42,10 @@ def main(words: list[str] | None = None) -> int:
     begin = time.monotonic()
     try:
         if given.check is None:
-            request = Request(given.waves, given.points, given.scenes, given.seed, given.workers)
+            later = given.later_points or given.points
+            request = Request(
+                given.waves, given.points, later, given.scenes, given.seed, given.workers
+            )
             with progress_bar() as report:
                 waves = run_waves(request, given.store, report)
                 print(write_report(waves, request, given.store))

@@ -191,8 +191,8 @@ def write_report(waves: Sequence[Wave], request: Request, store: Path) -> str:
         save_figure(_trade_off_figure(curve, last), store / "trade-off", simulated=False)
     parts = [
         "# Calibration by history matching",
-        f"{request.points} points in each of {len(waves)} waves, {request.scenes} scenes at each "
-        f"point, seed {request.seed}.",
+        f"{len(waves)} waves, {request.points} points in the first and {request.later_points} in "
+        f"each later one, {request.scenes} scenes at each point, seed {request.seed}.",
         "## Waves",
         _waves_table(waves),
         "## Emulators",

@@ -48,8 +48,8 @@ class Request:
 
     Parameters
     ----------
-    waves, points, scenes
-        How many waves, points in each, scenes at each point.
+    waves, points, later_points, scenes
+        How many waves, points in the first and in each later one, scenes at each point.
     seed
         Source of all randomness.
     workers
@@ -58,6 +58,7 @@ class Request:
 
     waves: int = 3
     points: int = 60
+    later_points: int = 60
     scenes: int = 30
     seed: int = 1
     workers: int = 1
@@ -150,6 +151,7 @@ def _same_request(request: Request, store: Path) -> None:
     asked = {
         "choices": [f"{c.name} {c.low} {c.high} {c.scale} {c.levels}" for c in space.CHOICES],
         "points": request.points,
+        "later points": request.later_points,
         "scenes": request.scenes,
         "seed": request.seed,
     }
@@ -165,12 +167,12 @@ def _same_request(request: Request, store: Path) -> None:
 def _design(request: Request, number: int, waves: Sequence[Wave]) -> Array:
     if not waves:
         return first_design(request.points, len(space.CHOICES), request.seed)
-    half = request.points // 2
+    half = request.later_points // 2
     last, seed = waves[-1], request.seed + number
     return np.concatenate(
         [
             spread_out(last.whole.places, half, seed),
-            spread_out(last.correlated.places, request.points - half, seed),
+            spread_out(last.correlated.places, request.later_points - half, seed),
         ]
     )
 
