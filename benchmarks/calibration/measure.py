@@ -10,15 +10,14 @@ Whatever is there is not done again, so that it can be interrupted at any moment
 
 import json
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from pebble import ProcessPool
 
 from benchmarks.calibration.space import HONEY_NAME, WATER_NAME, Point, World, point_text, world
 from benchmarks.calibration.targets import MODELS, VARIANCES, Target
@@ -32,11 +31,13 @@ from pourcast.scenes.scene_file import read_scenes, write_scenes
 from pourcast.simulation.run import engine_version
 from pourcast.study.selection import filtered_scenes
 from pourcast.sweep.executors.in_process import InProcessExecutor
+from pourcast.sweep.executors.local import LocalExecutor
 from pourcast.sweep.grid import Grid, GridFile, GridModels, make_grid
 from pourcast.sweep.plan import Plan, make_plan
 from pourcast.sweep.run import run_sweep
 from pourcast.sweep.store import Store
 from pourcast.sweep.table import setting_judgments
+from pourcast.sweep.task import OnWork, TaskResult, no_work, told
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,8 @@ WINDOW = 9
 
 FLIP = 0.5
 """A scene flips if its judgments range over more than this in the window."""
+
+DONE = "measured.json"
 
 EVERY_ZETA = 1
 SECOND_ZETA = 2
@@ -217,7 +220,7 @@ def measure(
         "stride": stride,
         "engine": engine_version(),
     }
-    done = folder / "measured.json"
+    done = folder / DONE
     if done.exists():
         content = json.loads(done.read_text(encoding="utf-8"))
         if content["key"] != key:
@@ -283,7 +286,7 @@ def _stranded(plan: Plan, store: Store, files: Sequence[Path]) -> dict[int, floa
 
 @dataclass(frozen=True)
 class Errand:
-    """A point that is to be measured; see `measure`."""
+    """A point that is to be measured: a task of an executor; see `measure`."""
 
     point: dict[str, Any]
     scenes: int
@@ -291,8 +294,21 @@ class Errand:
     folder: Path
     stride: int = EVERY_ZETA
 
-    def run(self) -> Measured:
-        """Measure it."""
+    @property
+    def id(self) -> str:
+        """Its folder."""
+        return str(self.folder)
+
+    def run(self, on_work: OnWork = no_work) -> TaskResult:
+        """Measure it; never raises an ordinary error."""
+        try:
+            self.measured()
+        except Exception as error:
+            return TaskResult(self.id, "failed", told(error))
+        return TaskResult(self.id, "done")
+
+    def measured(self) -> Measured:
+        """What it gives, measured now or before."""
         return measure(self.point, self.scenes, self.seed, self.folder, self.stride)
 
 
@@ -309,15 +325,20 @@ def measure_all(
         How many at a time.
     report
         Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If one can't be measured at all; what was done before is kept.
     """
-    with ProcessPool(workers, context=get_context("spawn")) as pool:
-        futures = [pool.schedule(Errand.run, args=(errand,)) for errand in errands]
-        found = []
-        try:
-            for number, future in enumerate(futures, start=1):
-                found.append(future.result())
-                report("points", number, len(errands))
-        except BaseException:
-            pool.stop()
-            raise
-    return found
+    left = [errand for errand in errands if not (errand.folder / DONE).exists()]
+    done = len(errands) - len(left)
+    report("points", done, len(errands))
+    if left:
+        with closing(LocalExecutor(workers)) as executor:
+            for result in executor.run(left, no_work):
+                if result.outcome != "done":
+                    raise InputError(f"{result.task}: {result.message}")
+                done += 1
+                report("points", done, len(errands))
+    return [errand.measured() for errand in errands]

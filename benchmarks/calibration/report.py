@@ -357,13 +357,19 @@ def _region_figure(wave: Wave, matters: Sensitivity, best: Recommended) -> Figur
         if row == column:
             for places, colour in ((all_but, BLUE), (kept, ORANGE)):
                 axes.hist(
-                    places[:, one], 20, (0.0, 1.0), density=True, histtype="step", color=colour
+                    places[:, one],
+                    20,
+                    range=(0.0, 1.0),
+                    density=True,
+                    histtype="step",
+                    color=colour,
                 )
             axes.axvline(place[one], color=RED, lw=1.0)
         else:
             # Below: nothing rules it out; above: but for the variances.
             places, cmap = (kept, "Oranges") if row > column else (all_but, "Blues")
-            axes.hist2d(places[:, one], places[:, other], 16, [[0, 1], [0, 1]], cmap=cmap)
+            unit = [[0.0, 1.0], [0.0, 1.0]]
+            axes.hist2d(places[:, one], places[:, other], 16, range=unit, cmap=cmap)
             axes.plot(product[one], product[other], "+", color=GREY, ms=5)
             axes.plot(place[one], place[other], "x", color=RED, ms=5)
             axes.set_ylim(0.0, 1.0)
