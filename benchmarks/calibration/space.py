@@ -7,7 +7,7 @@ that the paper gives (N, alpha, zeta, sigma, area of the obstacles) are no choic
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -196,17 +196,16 @@ CHOICES: tuple[Choice, ...] = (
 
 @dataclass(frozen=True)
 class PointFilter(CoarseFilter):
-    """The filter of an experiment with a point's liquid and engine, on this thread alone."""
+    """The filter of an experiment that pours a liquid without a name, on this thread alone."""
 
-    liquid: Liquid = WATER
-    engine: EngineSettings = field(default_factory=EngineSettings)
+    poured: Liquid = WATER
 
     def keeps(self, scenes: Sequence[Scene]) -> list[bool]:
         """Simulate scenes, and say which are kept."""
-        pours = [self.pour(scene, self.liquid) for scene in scenes]
+        pours = [self.pour(scene, self.poured) for scene in scenes]
         return [
             end.stranded <= self.max_stranded and end.touched >= self.min_touched
-            for end in simulate(pours, settings=self.engine, threads=1)
+            for end in simulate(pours, settings=self.settings, threads=1)
         ]
 
 
@@ -267,10 +266,8 @@ def world(point: Point) -> World:
     made = {name: replace(one, **changes[name]) for name, one in sections.items()}
     water = replace(made["water"], name=WATER_NAME, called="", goals=())
     honey = replace(made["honey"], name=HONEY_NAME, called="", goals=())
-    rule = made["filter"]
-    limits = {name: getattr(rule, name) for name in ("max_stranded", "min_touched")}
-    coarse = {name: getattr(rule, name) for name in ("n_particles", "damping_zeta")}
-    point_filter = PointFilter(**coarse, **limits, liquid=water, engine=made["engine"])
+    rule = {entry.name: getattr(made["filter"], entry.name) for entry in fields(CoarseFilter)}
+    point_filter = PointFilter(**(rule | {"settings": made["engine"]}), poured=water)
     return World(made["engine"], water, honey, made["family"], point_filter)
 
 
