@@ -47,8 +47,8 @@ def main(words: list[str] | None = None) -> int:
                 given.waves, given.points, later, given.scenes, given.seed, given.workers
             )
             with progress_bar() as report:
-                waves = run_waves(request, given.store, report)
-                print(write_report(waves, request, given.store))
+                left, last = run_waves(request, given.store, report)
+                print(write_report(left, last, request, given.store))
         else:
             points = {"the product as it stands": space.product_point()}
             points |= {str(path.stem): space.read_point(path) for path in given.check}

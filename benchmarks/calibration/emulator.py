@@ -37,7 +37,9 @@ class Emulator:
     residuals: Array
     """Of leaving each point out, over their standard deviations; shape [point_count]."""
     explained: float
-    """Share of the variance among points, without noise, that leaving one out foretells."""
+    """Share of the signal that leaving one out foretells."""
+    signal: float
+    """Share of the variance among points that is more than sampling noise."""
 
     def predict(self, places: Array) -> tuple[Array, Array]:
         """Mean and variance at places, shape [place_count, choice_count]; without noise."""
@@ -88,9 +90,11 @@ def fit(places: Array, values: Array, noise: Array, seed: int = 0) -> Emulator:
         process.fit(_centred(places), (values - centre) / scale)
     residuals, errors = _left_out(process, (values - centre) / scale)
     # As the values are scaled, their variance is 1, and what isn't noise is signal.
-    signal = max(1.0 - float(np.mean(noise)) / scale**2, LEAST_SIGNAL)
-    explained = float(np.clip((1.0 - np.mean(errors**2)) / signal, 0.0, 1.0))
-    return Emulator(process, centre, scale, residuals, explained)
+    signal = 1.0 - float(np.mean(noise)) / scale**2
+    explained = float(np.clip((1.0 - np.mean(errors**2)) / max(signal, LEAST_SIGNAL), 0.0, 1.0))
+    if signal < LEAST_SIGNAL:
+        explained = 0.0
+    return Emulator(process, centre, scale, residuals, explained, signal)
 
 
 def _left_out(process: GaussianProcessRegressor, values: Array) -> tuple[Array, Array]:

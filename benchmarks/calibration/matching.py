@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 Statistic = Callable[[Array], Array]
 """Places, shape [place_count, choice_count], to one number each: ruled out above `CUTOFF`."""
 
+PROMISING_LEVELS = 1
+"""Two levels: the least implausible 2 % of the space (`LEVEL_SHARE` squared)."""
+
 CUTOFF = 3.0
 """Three standard deviations (Pukelsheim 1994): 95 % of any unimodal distribution lie within."""
 
@@ -106,7 +109,15 @@ def first_design(count: int, dimensions: int, seed: int) -> Array:
     return sampler.random(count)
 
 
-def region(statistic: Statistic, dimensions: int, seed: int, sample: int = SAMPLE) -> Region:
+def region(
+    statistic: Statistic,
+    dimensions: int,
+    seed: int,
+    sample: int = SAMPLE,
+    *,
+    cutoff: float = CUTOFF,
+    most_levels: int = MOST_LEVELS,
+) -> Region:
     """Sample what a statistic does not rule out, however small it is.
 
     By subset simulation (Au and Beck 2001): of a Sobol sequence the least implausible places are
@@ -123,20 +134,21 @@ def region(statistic: Statistic, dimensions: int, seed: int, sample: int = SAMPL
         Of all randomness.
     sample
         Number of places, a power of two.
+    cutoff
+        What the statistic should stay below.
+    most_levels
+        How often the level is lowered at most, each time to `LEVEL_SHARE` of what was left.
     """
     rng = np.random.default_rng(seed)
     sobol = qmc.Sobol(dimensions, rng=rng)
     places, volume = sobol.random_base2(int(np.log2(sample))), 1.0
     values = statistic(places)
-    for _ in range(MOST_LEVELS):
-        inside = values <= CUTOFF
-        level = float(np.quantile(values, LEVEL_SHARE))
-        if inside.mean() >= LEVEL_SHARE:
-            level = CUTOFF
+    for _ in range(most_levels):
+        level = max(float(np.quantile(values, LEVEL_SHARE)), cutoff)
         chosen = values <= level
         volume *= float(chosen.mean())
-        if level == CUTOFF:
-            return Region(places[chosen], volume, CUTOFF)
+        if level == cutoff:
+            return Region(places[chosen], volume, cutoff)
         places, values = _spread(places[chosen], values[chosen], level, statistic, rng, sample)
     level = float(np.quantile(values, LEVEL_SHARE))
     chosen = values <= level

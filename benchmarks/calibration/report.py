@@ -4,13 +4,16 @@ The rule for the recommended point, written down before any point was measured:
 
 1. It lies in the region that no output rules out; where that is empty, in the region that no output
    but the variances rules out: correlations come first.
-2. Each place has a worst miss: the largest, over the correlations, bounds and what is stranded,
-   of the root of the expected squared distance from the target over the target's deviation
-   (`matching.expected_misses`: a place where emulators are unsure is no good one).
+2. Each place has a miss: the root mean square, over the correlations, of the expected distance
+   from the target over the target's deviation (`matching.expected_misses`: a place where emulators
+   are unsure is no good one). The bounds and what is stranded must not rule it out.
 3. Places are rounded to two digits, words taken plainly, and judged as they are then.
-4. Places whose worst miss is within `EQUAL` of the smallest are equally good; of these, the one
-   that misses the variances least (root mean square) is taken, and of those within `EQUAL` of that
+4. Places whose miss is at most `EQUAL` times the smallest are equally good; of these, the one that
+   misses the variances least (root mean square) is taken, and of those within `EQUAL` times that
    the one nearest to the product as it stands.
+
+Changed once, after three waves and before any check: 2 took the largest miss in place of the root
+mean square, and followed whichever output its emulator knew least of.
 """
 
 from collections.abc import Sequence
@@ -25,18 +28,24 @@ from SALib.analyze import sobol as sobol_indices
 from SALib.sample import sobol as sobol_sample
 
 from benchmarks.calibration import space
-from benchmarks.calibration.matching import Region, expected_misses
+from benchmarks.calibration.matching import (
+    CUTOFF,
+    PROMISING_LEVELS,
+    expected_misses,
+    implausibilities,
+    region,
+)
 from benchmarks.calibration.measure import Measured
 from benchmarks.calibration.targets import VARIANCES, Target
-from benchmarks.calibration.waves import Request, Wave
+from benchmarks.calibration.waves import Left, Request, Wave, statistic_of
 from pourcast.files import write_text
 from pourcast.pictures.style import BLUE, GREY, ORANGE, PAGE, RC, RED, new_figure, save_figure
 from pourcast.study.experiments.exp1 import PUBLISHED
 
 Array = NDArray[np.float64]
 
-EQUAL = 0.25
-"""Misses that differ by less are equal [deviations of the target]."""
+EQUAL = 1.1
+"""Misses that differ by less than this factor are equal."""
 
 BASE_SAMPLE = 512
 """Of Sobol's indices: (choices + 2) times as many places are emulated."""
@@ -107,22 +116,48 @@ class Recommended:
 
 def recommend(wave: Wave) -> Recommended:
     """The point that the rule above gives; see the module."""
-    chosen = wave.correlated if wave.whole.empty else wave.whole
-    places = chosen.places[:CANDIDATES]
+    places = _candidates(wave)
     points = [_rounded(place) for place in places]
     rounded = np.array([space.place_of(point) for point in points])
     seen = space.seen_by_emulators(rounded)
     misses = expected_misses(seen, wave.emulators, wave.targets)
-    is_variance = np.array([target.kind == "variance" for target in wave.targets])
-    worst = misses[~is_variance].max(axis=0)
-    beside = np.sqrt((misses[is_variance] ** 2).mean(axis=0))
+    kinds = np.array([target.kind for target in wave.targets])
+    miss, beside = (
+        np.sqrt((misses[kinds == kind] ** 2).mean(axis=0)) for kind in ("correlation", "variance")
+    )
+    others = implausibilities(seen, wave.emulators, wave.targets)[
+        (kinds == "bound") | (kinds == "stranded")
+    ]
+    miss = np.where((others > CUTOFF).any(axis=0), np.inf, miss)
     away = np.linalg.norm(rounded - space.place_of({}), axis=1)
-    left = np.flatnonzero(worst <= worst.min() + EQUAL)
-    left = left[beside[left] <= beside[left].min() + EQUAL]
+    left = np.flatnonzero(miss <= EQUAL * miss.min())
+    left = left[beside[left] <= EQUAL * beside[left].min()]
     best = int(left[np.argmin(away[left])])
     predicted = [emulator.predict(seen[best : best + 1]) for emulator in wave.emulators]
     means, variances = (np.array([pair[k][0] for pair in predicted]) for k in (0, 1))
     return Recommended(points[best], means, np.sqrt(variances), misses[:, best])
+
+
+def _candidates(wave: Wave) -> Array:
+    """Places among which one is recommended: those of the region with the smallest misses."""
+    chosen = wave.correlated if wave.whole.empty else wave.whole
+    correlations = [
+        (emulator, target)
+        for emulator, target in zip(wave.emulators, wave.targets, strict=True)
+        if target.kind == "correlation"
+    ]
+    emulators, wanted = zip(*correlations, strict=True)
+    limit = statistic_of(wave.emulators, wave.targets, 2, variances=not wave.whole.empty)
+
+    def miss(places: Array) -> Array:
+        seen = space.seen_by_emulators(places)
+        misses = np.sqrt((expected_misses(seen, emulators, wanted) ** 2).mean(axis=0))
+        outside = limit(places) > chosen.cutoff
+        return np.where(outside, 100.0 + misses, misses)
+
+    dimensions = len(space.CHOICES)
+    best = region(miss, dimensions, wave.number, cutoff=0.0, most_levels=PROMISING_LEVELS + 1)
+    return best.places[:CANDIDATES]
 
 
 def _rounded(place: Array) -> dict[str, space.Value]:
@@ -169,19 +204,18 @@ def trade_off(wave: Wave, seed: int) -> TradeOff:
     return TradeOff(ratio, gap, front)
 
 
-def write_report(waves: Sequence[Wave], request: Request, store: Path) -> str:
+def write_report(left: Sequence[Left], last: Wave, request: Request, store: Path) -> str:
     """Write the report, its figures, and the recommended point; returns the report.
 
     Parameters
     ----------
-    waves
-        All of them.
+    left, last
+        What `run_waves` gives.
     request
         What was asked.
     store
         Folder of the results.
     """
-    last = waves[-1]
     matters, best = sensitivity(last, request.seed), recommend(last)
     curve = trade_off(last, request.seed)
     write_text(store / "recommended.toml", space.point_text(best.point))
@@ -191,10 +225,10 @@ def write_report(waves: Sequence[Wave], request: Request, store: Path) -> str:
         save_figure(_trade_off_figure(curve, last), store / "trade-off", simulated=False)
     parts = [
         "# Calibration by history matching",
-        f"{len(waves)} waves, {request.points} points in the first and {request.later_points} in "
+        f"{len(left)} waves, {request.points} points in the first and {request.later_points} in "
         f"each later one, {request.scenes} scenes at each point, seed {request.seed}.",
         "## Waves",
-        _waves_table(waves),
+        _waves_table(left),
         "## Emulators",
         _emulator_table(last),
         "## Which choices matter",
@@ -220,36 +254,39 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
-def _waves_table(waves: Sequence[Wave]) -> str:
-    rows = []
-    before = 0
-    for wave in waves:
-        new = wave.measured[before:]
-        before = len(wave.measured)
-        failed = sum(bool(one.failure) for one in new)
-        cells = [str(wave.number), f"{len(new)} ({failed} failed)"]
-        cells += [_volume(wave.whole), _volume(wave.correlated)]
-        rows.append(cells)
+def _waves_table(waves: Sequence[Left]) -> str:
+    rows = [
+        [
+            str(number),
+            f"{wave.points} ({wave.failed} failed)",
+            _volume(*wave.whole),
+            _volume(*wave.correlated),
+        ]
+        for number, wave in enumerate(waves, start=1)
+    ]
     heads = ["wave", "points", "volume that nothing rules out", "but for the variances"]
     return _table(heads, rows)
 
 
-def _volume(region: Region) -> str:
-    if region.empty:
-        return f"none; {region.volume:.1g} below {region.cutoff:.1f}"
-    return f"{region.volume:.2g}"
+def _volume(volume: float, cutoff: float) -> str:
+    return f"none; {volume:.1g} below {cutoff:.1f}" if cutoff > CUTOFF else f"{volume:.2g}"
 
 
 def _emulator_table(wave: Wave) -> str:
     rows = [
-        [label(target), f"{emulator.explained:.2f}", f"{emulator.misfit:.2f}"]
+        [
+            label(target),
+            f"{emulator.signal:.2f}",
+            f"{emulator.explained:.2f}",
+            f"{emulator.misfit:.2f}",
+        ]
         for emulator, target in zip(wave.emulators, wave.targets, strict=True)
     ]
-    heads = ["output", "explained when left out", "RMS of standardised residuals"]
+    heads = ["output", "signal", "explained when left out", "RMS of standardised residuals"]
     note = (
-        "Each point is left out once. Explained: share of the variance among points, without "
-        "sampling noise, that is foretold. The residuals' root mean square is 1 if emulators are "
-        "as sure as they say."
+        "Each point is left out once. Signal: share of the variance among points that is more than "
+        "sampling noise. Explained: share of the signal that is foretold. The residuals' root mean "
+        "square is 1 if emulators are as sure as they say."
     )
     return f"{note}\n\n{_table(heads, rows)}"
 

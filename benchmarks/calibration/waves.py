@@ -9,7 +9,7 @@ A store's folder holds all of it, and whatever is there is not done again:
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from benchmarks.calibration import space
 from benchmarks.calibration.emulator import Emulator, fit
 from benchmarks.calibration.matching import (
+    PROMISING_LEVELS,
     Region,
     Statistic,
     first_design,
@@ -40,6 +41,13 @@ from pourcast.files import write_text
 from pourcast.progress import Report, no_report
 
 Array = NDArray[np.float64]
+
+
+MUCH = 0.1
+"""Share of the space."""
+
+FIRST_FOCUSED = 3
+"""The first waves are spread over all that is left."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +99,22 @@ class Wave:
     correlated: Region
 
 
-@dataclass
-class _Measurements:
-    places: list[Array] = field(default_factory=list)
-    measured: list[Measured] = field(default_factory=list)
+@dataclass(frozen=True)
+class Left:
+    """What a wave left: its file, so that nobody need learn it again.
+
+    Parameters
+    ----------
+    points, failed
+        Of this wave.
+    whole, correlated
+        Volume and cut-off of the regions of `Wave`.
+    """
+
+    points: int
+    failed: int
+    whole: tuple[float, float]
+    correlated: tuple[float, float]
 
 
 def scene_seed(seed: int, wave: int, number: int) -> int:
@@ -102,7 +122,7 @@ def scene_seed(seed: int, wave: int, number: int) -> int:
     return int(np.random.SeedSequence([seed, wave, number]).generate_state(1)[0])
 
 
-def run_waves(request: Request, store: Path, report: Report = no_report) -> list[Wave]:
+def run_waves(request: Request, store: Path, report: Report = no_report) -> tuple[list[Left], Wave]:
     """Do all waves; what the store has already is not done again.
 
     Parameters
@@ -114,32 +134,58 @@ def run_waves(request: Request, store: Path, report: Report = no_report) -> list
     report
         Told of the progress.
 
+    Returns
+    -------
+    left, last
+        What each wave left, and all that is known after the last.
+
     Raises
     ------
     InputError
         If the store is of another request, or of another state of the engine.
     """
     _same_request(request, store)
-    so_far, waves = _Measurements(), []
+    places = np.empty((0, len(space.CHOICES)))
+    measured: list[Measured] = []
+    left: list[Left] = []
+    last: Wave | None = None
     for number in range(1, request.waves + 1):
-        path = store / f"wave-{number}.json"
+        path, summary = store / f"wave-{number}.json", store / f"wave-{number}-left.json"
         if not path.exists():
-            write_text(path, json.dumps(_design(request, number, waves).tolist()) + "\n")
-        places = np.array(json.loads(path.read_text(encoding="utf-8")))
-        errands = [
-            Errand(
-                space.point_at(place),
-                request.scenes,
-                scene_seed(request.seed, number, k),
-                store / f"wave-{number}" / f"{k:03d}",
-                SECOND_ZETA,
-            )
-            for k, place in enumerate(places, start=1)
-        ]
-        so_far.places += list(places)
-        so_far.measured += measure_all(errands, request.workers, _named(report, number))
-        waves.append(_learn(number, np.array(so_far.places), list(so_far.measured), request.seed))
-    return waves
+            if last is None and number > 1:
+                last = _learn(number - 1, places, measured, request.seed)
+            write_text(path, json.dumps(_design(request, number, last).tolist()) + "\n")
+        new = np.array(json.loads(path.read_text(encoding="utf-8")))
+        found = _measure_wave(request, number, new, store, report)
+        places, measured, last = np.concatenate([places, new]), [*measured, *found], None
+        if not summary.exists() or number == request.waves:
+            last = _learn(number, places, measured, request.seed)
+            write_text(summary, json.dumps(vars(_left(last, found))) + "\n")
+        left.append(Left(**json.loads(summary.read_text(encoding="utf-8"))))
+    assert last is not None
+    return left, last
+
+
+def _measure_wave(
+    request: Request, number: int, places: Array, store: Path, report: Report
+) -> list[Measured]:
+    errands = [
+        Errand(
+            space.point_at(place),
+            request.scenes,
+            scene_seed(request.seed, number, k),
+            store / f"wave-{number}" / f"{k:03d}",
+            SECOND_ZETA,
+        )
+        for k, place in enumerate(places, start=1)
+    ]
+    return measure_all(errands, request.workers, _named(report, number))
+
+
+def _left(wave: Wave, new: Sequence[Measured]) -> Left:
+    failed = sum(bool(one.failure) for one in new)
+    whole, correlated = ((r.volume, r.cutoff) for r in (wave.whole, wave.correlated))
+    return Left(len(new), failed, whole, correlated)
 
 
 def _named(report: Report, number: int) -> Report:
@@ -164,17 +210,30 @@ def _same_request(request: Request, store: Path) -> None:
         raise InputError(f"{path}: other {', '.join(different)}: take another --store")
 
 
-def _design(request: Request, number: int, waves: Sequence[Wave]) -> Array:
-    if not waves:
+def _design(request: Request, number: int, last: Wave | None) -> Array:
+    """Places of a wave: half where nothing rules out, half where nothing but a variance does.
+
+    If more than `MUCH` of the space is left, emulators are too unsure to rule out much: then the
+    points are drawn where the largest implausibility is least.
+    """
+    if last is None:
         return first_design(request.points, len(space.CHOICES), request.seed)
+    seed = request.seed + number
     half = request.later_points // 2
-    last, seed = waves[-1], request.seed + number
-    return np.concatenate(
-        [
-            spread_out(last.whole.places, half, seed),
-            spread_out(last.correlated.places, request.later_points - half, seed),
-        ]
-    )
+    chosen = []
+    for left, variances, count in (
+        (last.whole, True, half),
+        (last.correlated, False, request.later_points - half),
+    ):
+        places = left.places
+        if left.volume > MUCH and number > FIRST_FOCUSED:
+            largest = statistic_of(last.emulators, last.targets, 1, variances=variances)
+            dimensions = len(space.CHOICES)
+            places = region(
+                largest, dimensions, seed, cutoff=0.0, most_levels=PROMISING_LEVELS
+            ).places
+        chosen.append(spread_out(places, count, seed))
+    return np.concatenate(chosen)
 
 
 def pooled_sampling(measured: Sequence[Measured]) -> dict[str, float]:
@@ -186,16 +245,16 @@ def pooled_sampling(measured: Sequence[Measured]) -> dict[str, float]:
 
 
 def statistic_of(
-    emulators: Sequence[Emulator], wanted: Sequence[Target], wave: int, *, variances: bool = True
+    emulators: Sequence[Emulator], wanted: Sequence[Target], rank: int, *, variances: bool = True
 ) -> Statistic:
-    """What decides whether a place is ruled out after a wave.
+    """What decides whether a place is ruled out.
 
     Parameters
     ----------
     emulators, wanted
         Of each output.
-    wave
-        Its number: after the first the third largest implausibility decides, later the second.
+    rank
+        Which implausibility decides: 1 the largest, 2 the second largest.
     variances
         Whether the variances count.
     """
@@ -208,7 +267,7 @@ def statistic_of(
 
     def statistic(places: Array) -> Array:
         seen = space.seen_by_emulators(places)
-        return kth_largest(implausibilities(seen, chosen, kept), 3 if wave == 1 else 2)
+        return kth_largest(implausibilities(seen, chosen, kept), rank)
 
     return statistic
 
@@ -249,8 +308,9 @@ _RARELY = 0.1
 
 def _learn(number: int, places: Array, measured: list[Measured], seed: int) -> Wave:
     wanted, emulators = emulate(places, measured, seed)
+    rank = 3 if number == 1 else 2
     regions = [
-        region(statistic_of(emulators, wanted, number, variances=v), places.shape[1], seed + number)
+        region(statistic_of(emulators, wanted, rank, variances=v), places.shape[1], seed + number)
         for v in (True, False)
     ]
     return Wave(number, places, measured, wanted, emulators, *regions)
