@@ -200,6 +200,8 @@ def test_a_reproduction_with_networks(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
         "pourcast.report.reproduction.Options", partial(Options, films=0, studies=0)
     )
+    small = partial(pair.default_recipe, "convnet-small")  # in no time
+    monkeypatch.setattr("pourcast.report.reproduction.default_recipe", small)
     line = "pourcast reproduce exp1 --quick --with-convnet -o nets"
     assert any(line in page.read_text() for page in PAGES)
     run(capsys, *shlex.split(line)[1:], "--scenes", 6, "--convnet-scenes", 40)

@@ -1,5 +1,6 @@
 """The networks whose layers are written here; `backbones` knows them, and others', by name."""
 
+import math
 from collections import OrderedDict
 from collections.abc import Iterator
 from functools import partial
@@ -17,7 +18,8 @@ LITE0_ROWS = (
 """EfficientNet-Lite0's blocks: how many, width of the kernel, stride of the first, expansion,
 channels (Tan & Le 2019, table 1; Lite: `efficientnet_lite_builder.py` of tensorflow/tpu)."""
 
-LITE0_DROPOUT = 0.2
+LITE0_STRIDE = 32
+"""Pixels of the picture from one place of the last block to the next."""
 
 
 def convnet_small(nn: Any, height: int, width: int) -> Any:
@@ -65,38 +67,38 @@ def alexnet(nn: Any) -> Any:
     return nn.Sequential(OrderedDict(parts))
 
 
-def efficientnet_lite0(torch: Any, outputs: int = 1) -> Any:
-    """EfficientNet-Lite0, with the names of weights of the package efficientnet-lite-pytorch.
+def efficientnet_lite0(torch: Any, height: int, width: int) -> Any:
+    """EfficientNet-Lite0 up to its last block, and a linear map of all that this makes.
 
-    That package computes the same to the bit, a third slower, and is no longer kept.
-
-    Parameters
-    ----------
-    torch
-        PyTorch.
-    outputs
-        Of the last layer; 1000 for ImageNet's classes.
+    Its own last layers, a convolution to 1280 channels and their mean over the picture, are left
+    out with the classes that they were for: they hardly tell where things are, and a mean over
+    the picture is nearly the same in a mirror.
     """
     nn = torch.nn
-    blocks = [_inverted_bottleneck(torch, *sizes) for sizes in _lite0_blocks()]
+    body = lite0_body(torch)
+    inputs = LITE0_ROWS[-1][-1] * math.prod(-(-size // LITE0_STRIDE) for size in (height, width))
     model = nn.Sequential(
         OrderedDict(
-            pad=_same_padding(torch, 3),
-            _conv_stem=nn.Conv2d(3, 32, 3, stride=2, bias=False),
-            _bn0=_normalisation(nn, 32),
-            relu0=nn.ReLU6(inplace=True),
-            _blocks=nn.Sequential(*blocks),
-            _conv_head=nn.Conv2d(LITE0_ROWS[-1][-1], 1280, 1, bias=False),
-            _bn1=_normalisation(nn, 1280),
-            relu1=nn.ReLU6(inplace=True),
-            pool=nn.AdaptiveAvgPool2d(1),
-            flatten=nn.Flatten(),
-            dropout=nn.Dropout(LITE0_DROPOUT),
-            _fc=nn.Linear(1280, outputs),
+            **body, flatten=nn.Flatten(), dropout=nn.Dropout(DROPOUT), _fc=_linear(torch, inputs)
         )
     )
     model.learn_together = _lite0_layers(model)
     return model
+
+
+def lite0_body(torch: Any) -> dict[str, Any]:
+    """Stem and blocks, with the names of weights of the package efficientnet-lite-pytorch.
+
+    That package computes the same to the bit, a third slower, and is no longer kept.
+    """
+    nn = torch.nn
+    return {
+        "pad": _same_padding(torch, 3),
+        "_conv_stem": nn.Conv2d(3, 32, 3, stride=2, bias=False),
+        "_bn0": _normalisation(nn, 32),
+        "relu0": nn.ReLU6(inplace=True),
+        "_blocks": nn.Sequential(*(_bottleneck(torch, *sizes) for sizes in _lite0_blocks())),
+    }
 
 
 def _lite0_blocks() -> Iterator[tuple[int, int, int, int, int]]:
@@ -109,18 +111,18 @@ def _lite0_blocks() -> Iterator[tuple[int, int, int, int, int]]:
 
 
 def _lite0_layers(model: Any) -> list[list[Any]]:
-    """Modules that learn in the same stage: eight groups, as many as AlexNet has layers.
+    """Modules that learn in the same stage: seven groups.
 
-    The first is the stem with both rows of blocks of high resolution; then one row each, the
-    convolution above them, and the linear map.
+    The first is the stem with both rows of blocks of high resolution; then one row each, and
+    the linear map.
     """
     blocks = iter(model._blocks)
     rows = [[next(blocks) for _ in range(row[0])] for row in LITE0_ROWS]
     first = [model._conv_stem, model._bn0, *rows[0], *rows[1]]
-    return [first, *rows[2:], [model._conv_head, model._bn1], [model._fc]]
+    return [first, *rows[2:], [model._fc]]
 
 
-def _inverted_bottleneck(
+def _bottleneck(
     torch: Any, kernel: int, stride: int, expansion: int, channels: int, wide: int
 ) -> Any:
     """More channels, a convolution of each by itself, fewer channels; added to what came in."""
@@ -179,3 +181,18 @@ def _depthwise(torch: Any, channels: int, kernel: int, stride: int) -> Any:
 
     padding = kernel // 2 if stride == 1 else 0
     return Depthwise(channels, channels, kernel, stride, padding, groups=channels, bias=False)
+
+
+def _linear(torch: Any, inputs: int) -> Any:
+    """A linear map to one output, of inputs that are divided by the root of their number.
+
+    AdamW moves all weights by equal steps: what a step does to the output grows with the number
+    of inputs, and thousands of them make learning unstable at any rate that the layers below
+    need.
+    """
+
+    class ScaledLinear(torch.nn.Linear):  # type: ignore[misc]
+        def forward(self, x: Any) -> Any:
+            return super().forward(x * self.in_features**-0.5)
+
+    return ScaledLinear(inputs, 1)

@@ -102,7 +102,7 @@ def make_backbone(name: str, height: int, width: int) -> Any:
 def _by_name(name: str, height: int, width: int) -> Any:
     torch = torch_module()
     if name == "efficientnet-lite0":
-        return efficientnet_lite0(torch)
+        return efficientnet_lite0(torch, height, width)
     if name == "convnet-small":
         return convnet_small(torch.nn, height, width)
     if name == "alexnet":
@@ -261,7 +261,7 @@ def backbone_of(path: Path) -> str:
         # Weights without values are made at once, however many.
         with torch_module().device("meta"):
             model = _by_name(name, usual(name).recipe["height"], usual(name).recipe["width"])
-        if set(model.state_dict()) == names:
+        if set(model.state_dict()) <= names:
             return name
     raise InputError(
         f"{path}: not the weights of {', '.join(OWN)}; say with --backbone whose they are"
