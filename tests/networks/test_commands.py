@@ -185,8 +185,9 @@ def test_the_documentations_lines(net, tmp_path, monkeypatch, capsys):
         if arguments[0] == "reproduce":
             continue  # The next test runs it.
         if arguments[:2] == ["convnet", "train"]:
-            # The same command, with few scenes and passes.
-            arguments += [*TINY, "--data", net / "data"]
+            # The same command, with few scenes and passes; one network of the default backbone.
+            quickest = "--backbone" not in arguments and "net" not in arguments
+            arguments += [*(TINY_SMALL if quickest else TINY), "--data", net / "data"]
             if "alexnet" in arguments:
                 arguments += ["--size", "64x64", "--tuned-scenes", 0]
         if "imagenet" in arguments:
