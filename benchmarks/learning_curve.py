@@ -155,14 +155,14 @@ def judgments(card: Card) -> Array:
 
 def with_interval(one: Array, other: Array) -> str:
     """Pearson's r, and its 95 % interval over scenes by the bootstrap."""
-    resampled = pearson(one, other[None], counts(len(one)))[:, 0]
-    low, high = interval(resampled, 0.95)
+    low, high = interval(resampled(one, other[None])[:, 0], 0.95)
     return f"{float(pearson(one, other[None])[0]):.2f} [{float(low):.2f}, {float(high):.2f}]"
 
 
-def counts(scenes: int) -> Array:
-    """How often each scene counts in each resample: the same for all networks."""
-    return draw_counts(scenes, RESAMPLES, np.random.default_rng(0))
+def resampled(truth: Array, judgments: Array) -> Array:
+    """Networks' r in each resample of the scenes, which are the same ones for all networks."""
+    counts = draw_counts(len(truth), RESAMPLES, np.random.default_rng(0))
+    return pearson(np.broadcast_to(truth, counts.shape), judgments, counts)
 
 
 def main_table(found: pd.DataFrame) -> list[str]:
@@ -202,8 +202,7 @@ def gain(truth: Array, one: Array, other: Array) -> str:
     """Difference of two networks' r with the truth on the same scenes, with its interval."""
     both = np.stack([one, other])
     here, there = pearson(truth, both)
-    resampled = pearson(truth, both, counts(len(truth)))
-    low, high = interval(resampled[:, 0] - resampled[:, 1], 0.95)
+    low, high = interval(np.subtract(*resampled(truth, both).T), 0.95)
     return f"{float(here - there):+.2f} [{float(low):+.2f}, {float(high):+.2f}]"
 
 
