@@ -185,13 +185,13 @@ def main_table(found: pd.DataFrame) -> list[str]:
 def help_table(found: pd.DataFrame) -> list[str]:
     """How much nearer the pre-trained network is to its truth than each other, per row."""
     others = [name for name in found["network"].unique() if name != "lite0"]
+    if not others or "lite0" not in set(found["network"]):
+        return []
     heads = ["experiment", "liquid", "scenes", *(f"minus {TITLES[name]}" for name in others)]
     lines = [heads, ["---"] * len(heads)]
     asked = ["experiment", "liquid", "scenes"]
     for (experiment, liquid, _), rows in found.groupby(asked, sort=False):
         said = rows.set_index("network")["judgments"]
-        if "lite0" not in said or len(said) < 2:
-            continue
         first = rows.iloc[0]
         gains = [gain(first["truths"][liquid], said["lite0"], said[name]) for name in others]
         lines.append([experiment, liquid, f"{first['card'].scenes:,}", *gains])
