@@ -1,11 +1,15 @@
 """Small things that tests are made of: scenes, blocks of particles, jobs, plain-loop oracles."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
+from scipy.integrate import cumulative_simpson
 
 from pourcast.engine import sph
 from pourcast.engine.batch import run_batch
 from pourcast.engine.block import fill_lane
+from pourcast.engine.cohesion import cohesion_factor
 from pourcast.engine.job import Job, Result, Stepping
 from pourcast.engine.pairs import empty_pairs, list_pairs
 from pourcast.engine.polygons import Solids, pack_solids
@@ -14,12 +18,26 @@ from pourcast.engine.state import LaneParameters, State, empty_parameters, empty
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.scenes.goals.basins import Basins
+from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.scenes.scene import LiquidStart, Scene
+from pourcast.simulation.settings import EngineSettings
 from pourcast.study.selection import drawn_scene
 
 Array = npt.NDArray[np.float64]
 
 NO_SOLIDS = pack_solids([[]])
+
+
+OPEN_CHOICES = {
+    "cohesion": (replace(HONEY_EXP1, cohesion=0.03), EngineSettings()),
+    "tension": (replace(HONEY_EXP1, tension=0.02), EngineSettings()),
+    "viscosity of all pairs": (HONEY_EXP1, EngineSettings(viscous_pairs="all")),
+    "contact": (HONEY_EXP1, EngineSettings(contact_radius=0.35, contact_layer=0.6)),
+    "damping": (WATER, EngineSettings(damping_scale=0.5)),
+    "slab": (WATER, EngineSettings(dimensions=2)),
+    "sound and support": (WATER, EngineSettings(sound_speed=20, support_in_spacings=1.9)),
+}
+"""What the paper leaves open: a liquid and settings each."""
 
 
 def ramp_scene() -> Scene:
@@ -68,6 +86,7 @@ def job(position: npt.NDArray[np.float32], **changes: object) -> Job:
         "height": 1.5,
         "depth": 0.148,
         "radius": 0.0185,
+        "contact_layer": 0.00185,
         "support_radius": 0.085,
         "reference_density": 3.7,
         "sound_speed": 30.0,
@@ -150,13 +169,32 @@ def oracle_forces(one: Job) -> Array:
     return rate
 
 
+def cohesive_energy(one: Job, position: Array) -> float:
+    """Energy of all pairs over a particle's mass [J/kg]: work against the force, by Simpson."""
+    gaps = np.linalg.norm(position[:, None] - position[None], axis=2)[
+        np.triu_indices(len(position), 1)
+    ]
+    r = np.linspace(0.0, one.support_radius, 2001)
+    slope = (1.0 - r / one.support_radius) ** 3
+    factor = cohesion_factor(one.cohesion, one.spacing, one.support_radius)
+    neutral = (1.0 - one.spacing / one.support_radius) ** 3
+    force = factor * (slope - neutral) * slope * r
+    work = cumulative_simpson(force, x=r, initial=0.0)
+    return float(np.sum(np.interp(gaps, r, work[-1] - work, right=0.0)))
+
+
 def energy_of(one: Job, position: Array, velocity: Array) -> float:
     """Kinetic, potential and elastic energy per particle mass [J/kg], by plain arrays.
 
-    The elastic energy of p = c^2 rho0 (d - 1), d = rho / rho0 >= 1, is c^2 (ln d + 1 / d - 1).
+    The elastic energy of p = c^2 rho0 (d - 1), d = rho / rho0 >= 1 - tension, is
+    c^2 (ln d + 1 / d - 1); below, pressure is constant. That of cohesion is by quadrature.
     """
     moved = Job(**{**vars(one), "position": position.astype(np.float32)})
-    density = np.maximum(forces_of(moved)[1], 1.0)
-    elastic = one.sound_speed**2 * (np.log(density) + 1.0 / density - 1.0)
+    density = forces_of(moved)[1]
+    followed = np.maximum(density, 1.0 - one.tension)
+    elastic = np.log(followed) + 1.0 / followed - 1.0
+    elastic += one.tension * (1.0 / density - 1.0 / followed)
+    elastic *= one.sound_speed**2
+    elastic += cohesive_energy(one, position) / len(position)
     kinetic = 0.5 * np.sum(velocity.astype(float) ** 2, axis=1)
     return float(np.mean(kinetic + one.gravity * position[:, 1] + elastic))

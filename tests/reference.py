@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from pourcast.engine.contact import MIN_CLEARANCE, TOUCH_SKIN
+from pourcast.engine.cohesion import cohesion_factor
+from pourcast.engine.contact import MIN_CLEARANCE
 from pourcast.engine.packing import pack_cylinder, reference_density
 from pourcast.simulation.pour import GRAVITY, Pour
 from pourcast.simulation.settings import EngineSettings
@@ -12,43 +13,52 @@ PASSES, NOTICED = 4, 1e-3
 
 def run(pour: Pour, duration: float, settings: EngineSettings) -> np.ndarray:
     """Positions [m] of a pour's particles after `duration`, shape [n_particles, 3]."""
-    scene, liquid = pour.scene, pour.liquid
-    box, start = scene.box, scene.liquid
-    support = settings.support_in_spacings * pour.spacing
-    place = pack_cylinder(pour.n_particles, start.centre, start.diameter / 2, box.depth)
-    origin = pack_cylinder(pour.n_particles, (0.0, 0.0), start.diameter / 2, box.depth)
-    rest = reference_density(origin, support, box.depth)
-    stepping = settings.stepping("liquid", pour.spacing, liquid.viscosity_alpha)
+    scene, liquid, count = pour.scene, pour.liquid, pour.n_particles
+    start, depth = scene.liquid, settings.depth_in(scene, count)
+    spacing = settings.spacing_in(scene, count)
+    support = settings.support_in_spacings * spacing
+    place = pack_cylinder(count, start.centre, start.diameter / 2, depth)
+    origin = pack_cylinder(count, (0.0, 0.0), start.diameter / 2, depth)
+    rest = reference_density(origin, support, depth)
+    stepping = settings.stepping("liquid", spacing, liquid.viscosity_alpha)
     position, velocity = place.astype(float), np.zeros((pour.n_particles, 3))
     for _ in range(round(duration / stepping.step)):
-        rate = accelerations(position, velocity, pour, support, rest, settings.sound_speed)
-        rate -= pour.damping_zeta * velocity
+        rate = accelerations(position, velocity, pour, support, rest, settings)
+        rate -= settings.damping_scale * pour.damping_zeta * velocity
         rate[:, 1] -= GRAVITY
         previous = position.copy()
         velocity += stepping.step * rate
         position += stepping.step * velocity
-        meet_box(position, velocity, pour, stepping.step)
-        meet_polygons(position, velocity, previous, pour, stepping.step)
+        meet_box(position, velocity, pour, stepping.step, settings)
+        meet_polygons(position, velocity, previous, pour, stepping.step, settings)
     return position
 
 
-def accelerations(position, velocity, pour, support, rest, sound_speed):
+def accelerations(position, velocity, pour, support, rest, settings):
     """Pressure and artificial viscosity, mirror images in the walls included."""
-    box, h = pour.scene.box, support / 2
+    box, h, sound_speed = pour.scene.box, support / 2, settings.sound_speed
+    depth = settings.depth_in(pour.scene, pour.n_particles)
     r = position[:, None] - position[None]
     squared = (r**2).sum(axis=2)
     near = np.maximum(1 - np.sqrt(squared) / support, 0)
-    low, high = position, np.array([box.width, np.inf, box.depth]) - position
+    low, high = position, np.array([box.width, np.inf, depth]) - position
     gap = np.minimum(low, high)
     wall = np.maximum(1 - 2 * gap / support, 0)
     density = (shape(near).sum(axis=1) + shape(wall).sum(axis=1)) / rest
-    pressure = np.maximum(density - 1, 0) / density**2
+    pressure = np.maximum(density - 1, -pour.liquid.tension) / density**2
     factor = 20 / (support**2 * rest)
     v = velocity[:, None] - velocity[None]
-    approach = np.minimum((v * r).sum(axis=2), 0)
+    approach = (v * r).sum(axis=2)
+    if settings.viscous_pairs == "approaching":
+        approach = np.minimum(approach, 0)
     viscosity = 2 * pour.liquid.viscosity_alpha * sound_speed * h * approach
     viscosity /= (squared + 0.01 * h**2) * (density[:, None] + density[None])
+    neutral = (1 - 1 / settings.support_in_spacings) ** 3
+    cohesion = cohesion_factor(
+        pour.liquid.cohesion, support / settings.support_in_spacings, support
+    ) * (near**3 - neutral)
     push = factor * (sound_speed**2 * (pressure[:, None] + pressure[None]) - viscosity) * near**3
+    push += cohesion * near**3
     inward = np.where(high < low, -1, 1)
     walls = 4 * factor * sound_speed**2 * pressure[:, None] * gap * wall**3 * inward
     return (push[:, :, None] * r).sum(axis=1) + walls
@@ -59,12 +69,13 @@ def shape(near):
     return near**4 * (5 - 4 * near)
 
 
-def meet_box(position, velocity, pour, step):
+def meet_box(position, velocity, pour, step, settings):
     """Walls, floor and panes: no speed into them; walls and floor are sticky."""
-    radius, box = pour.spacing / 2, pour.scene.box
-    touch = radius * (1 + TOUCH_SKIN)
+    box, count = pour.scene.box, pour.n_particles
+    radius = settings.contact_radius_in(pour.scene, count, pour.kind)
+    touch = radius * (1 + settings.contact_layer)
     normal, tangential = stickiness(pour, step)
-    top = np.array([box.width, np.inf, box.depth]) - radius
+    top = np.array([box.width, np.inf, settings.depth_in(pour.scene, count)]) - radius
     velocity[:] = np.where(position < radius, np.maximum(velocity, 0), velocity)
     velocity[:] = np.where(position > top, np.minimum(velocity, 0), velocity)
     side = np.minimum(position[:, 0], box.width - position[:, 0]) < touch
@@ -74,9 +85,10 @@ def meet_box(position, velocity, pour, step):
     position[:] = np.clip(position, radius, top)
 
 
-def meet_polygons(position, velocity, previous, pour, step):
+def meet_polygons(position, velocity, previous, pour, step, settings):
     """Inelastic, sticky contact, one polygon after the other, until nothing moves."""
-    scene, radius = pour.scene, pour.spacing / 2
+    scene = pour.scene
+    radius = settings.contact_radius_in(scene, pour.n_particles, pour.kind)
     normal, tangential = stickiness(pour, step)
     active = np.ones(len(position), bool)
     for attempt in range(PASSES):
@@ -91,7 +103,7 @@ def meet_polygons(position, velocity, previous, pour, step):
             speed_along = (velocity[:, :2] * along).sum(axis=1)
             speed_out = np.where(depth > 0, np.maximum(speed_out, 0), speed_out)
             if attempt == 0:
-                sticks = distance < radius * (1 + TOUCH_SKIN)
+                sticks = distance < radius * (1 + settings.contact_layer)
                 speed_out = np.where(sticks, normal * speed_out, speed_out)
                 speed_along = np.where(sticks, tangential * speed_along, speed_along)
                 velocity[:, 2] *= np.where(sticks, tangential, 1)

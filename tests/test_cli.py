@@ -174,7 +174,7 @@ def test_models_are_listed(capsys):
     assert call("models") == 0
     assert "damping_zeta" in capsys.readouterr().out
     assert call("models", "--json") == 0
-    assert len(json.loads(capsys.readouterr().out)["presets"]) == 13
+    assert len(json.loads(capsys.readouterr().out)["presets"]) == 14
 
 
 def test_units_in_a_tables_head_are_no_markup(capsys):

@@ -27,6 +27,7 @@ for pour in (
 batch.lanes_worth = lambda count: np.inf
 found.append(simulate([Pour(scene, WATER, 4)], settings=settings)[0].position.tolist())
 found.append([p.tolist() for p in make_model("simple:n_points=3,g=0.3").paths(scene)])
+found.append(make_model("blobs:n_molecules=12").film(scene)[0].tolist())
 solid = np.tril(np.ones((6, 9), dtype=bool), -5)[..., None].repeat(3, axis=2)
 fill = np.zeros((6, 9, 3))
 fill[1:5, 3:8] = 1.0

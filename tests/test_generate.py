@@ -7,11 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pourcast.errors import InputError
+from pourcast.models.registry import make_model
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily, bounded_voronoi
 from pourcast.scenes.goals.cup import Cup
+from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.polygons import convex_pieces
 from pourcast.scenes.scene_file import scenes_to_json
+from pourcast.study.experiments.registry import EXPERIMENTS, experiment_like
 from pourcast.study.selection import (
     CoarseFilter,
     ContrastingScenes,
@@ -149,3 +152,26 @@ def test_a_study_that_was_interrupted_is_gone_on_with(tmp_path):
     assert open_study(tmp_path / "whole", request) == scenes
     with pytest.raises(InputError, match="made with other settings"):
         open_study(tmp_path / "whole", SceneRequest("exp1", 3, 3))
+
+
+FIRST_DRAWS_OF_0_1 = {
+    "exp1-v0": "397a9b374a22",
+    "exp2-v0": "b780c2ae092a",
+}
+
+
+@pytest.mark.parametrize("name", FIRST_DRAWS_OF_0_1)
+def test_older_experiments_stay_as_they_were(name):
+    experiment = EXPERIMENTS.get(name)
+    draws = (drawn_scene(experiment.family, 7, k) for k in range(99))
+    scene = next(scene for scene in draws if scene is not None)
+    assert scene.digest == FIRST_DRAWS_OF_0_1[name]
+    # Scenes that belong to no experiment, and plain names of liquids, are of today's.
+    assert experiment_like([scene]).name == name.removesuffix("-v0")
+    honey = resolve_liquid("honey", scene)
+    assert honey.name == f"honey-{name.removesuffix('-v0')}"
+    for liquid in experiment.shown_liquids:
+        older = resolve_liquid(liquid, scene)
+        assert older.cohesion == older.tension == 0.0
+        for spec in (experiment.truth(liquid), experiment.observer_model(liquid)):
+            assert make_model(spec).liquid in experiment.shown_liquids

@@ -32,6 +32,7 @@ from pourcast.scenes.liquids.registry import (
 from tests.make import ramp_scene, random_scenes
 
 SMALL = {
+    "blobs": "blobs:n_molecules=50",
     "ife": "ife:n_particles=20,zeta_sigma=1",
     "marble": "marble:n_particles=15,zeta_sigma=1",
     "position-uncertainty": "position-uncertainty:n_particles=20,n_draws=8",
@@ -122,7 +123,8 @@ def test_presets_are_the_papers_table():
     assert values("honey-simple") == simple | {"g": 0.0, "m": 0.04}
     assert values("gravity") == {"g": 0.0, "m": 0.0, "m_sigma": 0.0, "n_points": 100}
     assert values("position-uncertainty")["damping_zeta"] == 0.0
-    assert len(presets()) == 13
+    assert values("blobs") == {"n_molecules": 100}
+    assert len(presets()) == 14
     assert set(presets()) - set(complete_presets()) == {"water-convnet", "honey-convnet"}
 
 

@@ -24,6 +24,7 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
+from pourcast.simulation.settings import EngineSettings
 from pourcast.statistics.correlation import pearson
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def judge_together(
     requests: Sequence[JudgmentRequest],
     seed: int,
     *,
+    settings: EngineSettings | None = None,
     record: Collection[str] = (),
     report: Report = no_report,
 ) -> list[NDArray[np.float64]]:
@@ -59,6 +61,8 @@ def judge_together(
         What is asked.
     seed
         Source of all randomness.
+    settings
+        How pours are computed.
     record
         Specs of models whose typical pours are recorded, to be pictured afterwards.
     report
@@ -94,6 +98,7 @@ def judge_together(
             means = means_over_pours(
                 [group for number in groups for group in groups[number]],
                 pictured,
+                settings=settings,
                 remember=True,
                 progress=partial(report, words),
             )

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import llvmlite.binding
 import numpy as np
@@ -43,7 +44,7 @@ def test_lockstep_and_single_simulations_have_the_same_bits(monkeypatch, count):
     pours = [
         Pour(scene, liquid, count, zeta, kind=kind)
         for scene in random_scenes(2, seed=count)
-        for liquid in (WATER, HONEY_EXP1)
+        for liquid in (WATER, HONEY_EXP1, replace(WATER, cohesion=0.05, tension=0.01))
         for zeta in (0.0, 5.0)
         for kind in ("liquid", "marbles")
     ]

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 import shapely
 
-from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN, collide_with_polygons, list_near
+from pourcast.engine.contact import LIST_SKIN, collide_with_polygons, list_near
 from pourcast.engine.polygons import pack_solids
 from pourcast.engine.solids import BroadPhase, build_broad_phase, signed_distance
 from pourcast.engine.state import NEAR_EDGES, NEAR_POLYGONS
 from tests.make import job, loaded_block, random_scenes
 
 RADIUS = 0.0185
-TOUCH = RADIUS * (1 + TOUCH_SKIN)
+LAYER = 0.1 * RADIUS
+TOUCH = RADIUS + LAYER
 
 
 def regular(sides, x, y, radius):
@@ -56,7 +57,7 @@ def listed_distances(state, lane, x, y):
 def test_a_list_holds_all_that_is_near_until_its_slack_is_used_up(polygons):
     rng = np.random.default_rng(5)
     solids = pack_solids([[(p, False) for p in polygons]])
-    reach = RADIUS * (1 + TOUCH_SKIN + LIST_SKIN)
+    reach = TOUCH + LIST_SKIN * RADIUS
     cells = BroadPhase(*build_broad_phase(solids, np.array([[1.0, 1.5]]), reach, 0, 1))
     state, lanes = loaded_block([job(np.array([[0.5, 0.7, 0.07]]))], 1e-4)
     shapes = [shapely.Polygon(p) for p in polygons]

@@ -1,5 +1,7 @@
 """The engine against a plain float64 implementation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from pourcast import HONEY_EXP1, WATER, EngineSettings, Pour, simulate
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.study.selection import filtered_scenes
 from tests import reference
-from tests.make import ramp_scene, random_scenes
+from tests.make import OPEN_CHOICES, ramp_scene, random_scenes
 
 
 @pytest.mark.parametrize("liquid", [WATER, HONEY_EXP1], ids=lambda liquid: liquid.name)
@@ -20,6 +22,22 @@ def test_the_first_moments_agree_particle_by_particle(liquid):
     for pour, ours in zip(pours, outcomes, strict=True):
         theirs = reference.run(pour, ours.time, settings)
         assert np.abs(ours.position - theirs).max() < 1e-3
+
+
+@pytest.mark.parametrize("choice", OPEN_CHOICES)
+def test_every_open_choice_is_what_the_plain_implementation_makes_of_it(choice):
+    liquid, settings = OPEN_CHOICES[choice]
+    brief = replace(settings, max_duration=0.6)
+    pour = Pour(ramp_scene(), liquid, 30, 5.0)
+    ours = simulate([pour], settings=brief)[0]
+    usual = simulate(
+        [Pour(ramp_scene(), WATER if liquid is WATER else HONEY_EXP1, 30, 5.0)],
+        settings=EngineSettings(max_duration=0.6),
+    )[0]
+    theirs = reference.run(pour, ours.time, brief)
+    assert ours.touched > 0.3
+    assert np.abs(ours.position - theirs).max() < 1e-3
+    assert np.abs(ours.position - usual.position).max() > 1e-2
 
 
 @pytest.mark.slow

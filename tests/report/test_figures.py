@@ -110,7 +110,7 @@ def test_pictures_of_scenes():
     found = voronoi_scenes(7)
     assert len(scenes.stimuli(found).axes) == 5
     cup = found[0].model_copy(update={"goal": Cup()})
-    assert len(scenes.heuristics(cup).axes) == 4
+    assert len(scenes.heuristics(cup).axes) == 5
     figure = scenes.particle_engine(found[0])
     assert figure.axes[0].lines[0].get_ydata()[-1] == 0
     assert [len(axes.lines[0].get_xdata()) for axes in figure.axes[1:]] == [15, 50, 100, 200, 50]

@@ -16,8 +16,8 @@ from pourcast.sweep import settings
 from pourcast.sweep.settings import JudgeSetting, goal_version, model_version
 from tests.sweep.make import small_plan, swept
 
-ALL = {"pour", "ife", "position-uncertainty", "marble", "simple", "convnet", "basins", "cup"}
 POURS = {"pour", "ife", "position-uncertainty", "marble"}
+ALL = POURS | {"blobs", "simple", "convnet", "basins", "cup"}
 
 
 def forget():
@@ -73,11 +73,14 @@ def test_words_about_the_code_make_nothing_stale(edit, name):
     ("name", "stale"),
     [
         ("engine/sph.py", POURS),
+        ("engine/compile.py", POURS | {"blobs"}),
         ("engine/polygons.py", POURS | {"simple"}),
         ("simulation/settings.py", POURS),
         ("networks/picture.py", {"convnet"}),
         ("networks/network.py", {"convnet"}),
         ("models/simple.py", {"simple"}),
+        ("models/blobs.py", {"blobs"}),
+        ("models/_blob_rules.py", {"blobs"}),
         ("models/position_uncertainty.py", {"position-uncertainty"}),
         ("scenes/goals/cup.py", {"cup"}),
         ("scenes/goals/base.py", {"basins", "cup"}),

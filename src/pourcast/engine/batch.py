@@ -28,7 +28,7 @@ from pourcast.engine.block import (
     lanes_worth,
 )
 from pourcast.engine.clusters import most_members
-from pourcast.engine.contact import LIST_SKIN, TOUCH_SKIN
+from pourcast.engine.contact import LIST_SKIN
 from pourcast.engine.job import Job, Result, Stepping
 from pourcast.engine.polygons import Solids
 from pourcast.engine.simd import LANES, flush_denormals
@@ -265,7 +265,7 @@ def _broad_phase_of(
     extents = np.ones((scene_count, 2))
     for job in jobs:
         extents[job.scene] = job.width, job.height
-    reach = (1.0 + TOUCH_SKIN + LIST_SKIN) * max(job.radius for job in jobs)
+    reach = max(job.touch + LIST_SKIN * job.radius for job in jobs)
     edges = np.linspace(0, scene_count, worker_count + 1).astype(int)
     shares = pool.map(partial(build_broad_phase, solids, extents, reach), edges[:-1], edges[1:])
     return join_broad_phases([BroadPhase(*share) for share in shares])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pourcast.cores import available_cores
 from pourcast.engine import clusters, rigid, sph
+from pourcast.engine.cohesion import cohesion_factor
 from pourcast.engine.diagnostics import (
     GAINS_ENERGY,
     NOT_FINITE,
@@ -92,6 +93,11 @@ def fill_lane(parameters: LaneParameters, lane: int | slice, job: Job, step: flo
         "pressure_factor": gradient * job.sound_speed**2,
         "viscosity_factor": 2.0 * gradient * job.viscosity_alpha * job.sound_speed * h,
         "separation_floor": 0.01 * h**2,
+        "least_pressure": -job.tension,
+        "fastest_parting": np.inf if job.viscosity_of_all_pairs else 0.0,
+        "cohesion_factor": cohesion_factor(job.cohesion, job.spacing, job.support_radius),
+        "neutral_slope": (1.0 - job.spacing / job.support_radius) ** 3,
+        "touch": job.touch,
         "gravity": job.gravity,
         "damping": job.damping,
         "keep_normal": np.exp(-job.adhesion_normal * step),
@@ -190,8 +196,10 @@ class Block(ABC):
         for lane in fresh:
             job, energy = self.simulations[lane].job, float(found.energy[lane])
             found.least_energy[self._lanes_of(lane)] = energy
+            # Cohesion's energy is below 0: two that cancel would allow no error at all.
+            scale = max(abs(energy), job.gravity * float(job.position[:, 1].mean()))
             found.allowed_gain[self._lanes_of(lane)] = allowed_gain(
-                energy, self.count, job.gravity, job.radius, job.sound_speed
+                scale, self.count, job.gravity, job.radius, job.sound_speed
             )
 
     def advance(self, solids: Solids, broad_phase: BroadPhase, stepping: Stepping) -> None:

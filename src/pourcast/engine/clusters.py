@@ -255,6 +255,7 @@ def find_cluster_density(state: Any, parameters: Any, clusters: Any, begin: int,
     inverse_support, zero = load(parameters.inverse_support, 0), splat(0.0)
     scale = 1.0 / load(parameters.reference_density, 0)
     pressure_factor = load(parameters.pressure_factor, 0)
+    least_pressure = load(parameters.least_pressure, 0)
     for cluster in range(begin, end):
         first, near_count = cluster * LANES, 0
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
@@ -270,7 +271,7 @@ def find_cluster_density(state: Any, parameters: Any, clusters: Any, begin: int,
         clusters.near_count[cluster] = near_count
         total = total * scale
         scatter(density, order, first, total)
-        scatter(pressure, order, first, pressure_factor * pressure_term(total, zero))
+        scatter(pressure, order, first, pressure_factor * pressure_term(total, least_pressure))
 
 
 @kernel
@@ -285,6 +286,9 @@ def find_cluster_forces(state: Any, parameters: Any, clusters: Any, begin: int, 
     order, near_partner = clusters.order, clusters.near_partner
     viscosity_factor = load(parameters.viscosity_factor, 0)
     separation_floor = load(parameters.separation_floor, 0)
+    fastest_parting = load(parameters.fastest_parting, 0)
+    cohesion_factor = load(parameters.cohesion_factor, 0)
+    neutral_slope = load(parameters.neutral_slope, 0)
     for cluster in range(begin, end):
         first = cluster * LANES
         xi, yi, zi = gather(x, order, first), gather(y, order, first), gather(z, order, first)
@@ -298,7 +302,7 @@ def find_cluster_forces(state: Any, parameters: Any, clusters: Any, begin: int, 
             push = pair_push(
                 dx, dy, dz, du, dv, dw, load(clusters.slope[cluster], k),
                 density_i + splat(density[j]), pressure_i + splat(pressure[j]),
-                viscosity_factor, separation_floor,
+                viscosity_factor, separation_floor, fastest_parting, cohesion_factor, neutral_slope,
             )  # fmt: skip
             axi, ayi, azi = fma(push, dx, axi), fma(push, dy, ayi), fma(push, dz, azi)
         scatter(acceleration[0], order, first, axi)

@@ -32,11 +32,8 @@ from pourcast.engine.simd import sqrt as vector_sqrt
 from pourcast.engine.solids import cell_of, edge_gap
 from pourcast.engine.state import NEAR_EDGES, NEAR_POLYGONS
 
-TOUCH_SKIN = 0.1
-"""A sphere touches a solid while its centre is within (1 + TOUCH_SKIN) radii."""
-
 LIST_SKIN = 0.5
-"""A list holds what is within (1 + TOUCH_SKIN + LIST_SKIN) radii."""
+"""A list holds what is nearer than where a sphere touches, and LIST_SKIN radii more."""
 
 MIN_CLEARANCE = 1e-4
 """Least distance [m] of a centre from a solid; below it the last position is kept."""
@@ -115,7 +112,7 @@ def list_near(
         state.squared_slack[row, lane] = np.inf
         return
     radius = float(parameters.radius[lane])
-    touch = radius * (1.0 + TOUCH_SKIN)
+    touch = float(parameters.touch[lane])
     reach = touch + radius * LIST_SKIN
     cell = cell_of(x, y, scene, broad_phase)
     slack = radius * LIST_SKIN
@@ -230,7 +227,7 @@ def _collide_row(state: Any, parameters: Any, row: int, slot_count: int) -> None
     """Contact of the spheres of a row with all that is in their lists."""
     zero, one = splat(0.0), splat(1.0)
     radius, width = load(parameters.radius, 0), load(parameters.width, 0)
-    touch, right = radius * (1.0 + TOUCH_SKIN), width - radius
+    touch, right = load(parameters.touch, 0), width - radius
     x, y = load(state.position[0], row), load(state.position[1], row)
     u, v, w = (
         load(state.velocity[0], row),
@@ -295,7 +292,7 @@ def collide_with_box(state: Any, parameters: Any, begin: int, end: int) -> None:
     the scene: a liquid that stuck to them would never leave its start.
     """
     radius = load(parameters.radius, 0)
-    touching = radius * (1.0 + TOUCH_SKIN)
+    touching = load(parameters.touch, 0)
     keep_normal, keep_tangential = (
         load(parameters.keep_normal, 0),
         load(parameters.keep_tangential, 0),

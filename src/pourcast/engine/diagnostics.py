@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pourcast.engine.cohesion import add_pair_energy, is_cohesive
 from pourcast.engine.compile import kernel
 from pourcast.engine.equation_of_state import elastic_energy
 from pourcast.engine.simd import (
@@ -135,6 +136,7 @@ def measure(
     """
     fastest, highest, energy, outside = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
     zero, one, half_step = splat(0.0), splat(1.0), splat(0.5 * step)
+    least = load(parameters.least_pressure, 0)
     gravity, radius = load(parameters.gravity, 0), load(parameters.radius, 0)
     half_over_g = 0.5 / maximum(gravity, splat(1e-6))
     inverse_support = load(parameters.inverse_support, 0)
@@ -166,7 +168,7 @@ def measure(
         u = u - half_step * load(state.acceleration[0], row)
         v = v - half_step * load(state.acceleration[1], row)
         w = w - half_step * load(state.acceleration[2], row)
-        elastic = squared_sound_speed * elastic_energy(load(state.density, row), one)
+        elastic = squared_sound_speed * elastic_energy(load(state.density, row), least)
         of_row = 0.5 * (u * u + v * v + w * w) + gravity * y + elastic
         # Comparisons that are false for what is no number.
         inside = where_less(left, x, where_less(x, right, one, zero), zero)
@@ -175,6 +177,8 @@ def measure(
         in_row = count - LANES * row if large else LANES
         energy = energy + first_lanes(of_row, in_row)
         outside = outside + first_lanes(one - inside, in_row)
+    if is_cohesive(parameters):
+        energy = add_pair_energy(state, parameters, count, large, energy)
     store(diagnostics.squared_speed, 0, fastest)
     store(diagnostics.head, 0, highest)
     store(diagnostics.energy, 0, energy)

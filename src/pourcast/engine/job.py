@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pourcast.engine.packing import SUPPORT_IN_SPACINGS
 from pourcast.errors import InputError
 
 
@@ -14,7 +15,8 @@ class Job:
     """One simulation, in numbers.
 
     Lengths in m, times in s. `damping` is zeta [1/s]; `adhesion_normal` and
-    `adhesion_tangential` are decay rates [1/s] of the speed while in contact.
+    `adhesion_tangential` are decay rates [1/s] of the speed while in contact, that is,
+    within `contact_layer` of the contact radius.
     """
 
     position: NDArray[np.float32]
@@ -36,6 +38,16 @@ class Job:
     gravity: float = 9.81
     adhesion_normal: float = 0.0
     adhesion_tangential: float = 0.0
+    support_in_spacings: float = SUPPORT_IN_SPACINGS
+    """Support radius over the particle spacing, more than 1."""
+    contact_layer: float = 0.0
+    """Distance from a solid, beyond the contact radius, at which a particle touches it [m]."""
+    cohesion: float = 0.0
+    """Surface tension over density [m^3/s^2]."""
+    tension: float = 0.0
+    """Least pressure over c^2 rho0, with the sign reversed: 0 for none below rest, to 1."""
+    viscosity_of_all_pairs: bool = False
+    """Whether viscosity acts on pairs that part, too."""
     ceiling: float = np.inf
     """Height of a lid [m]; none by default."""
     rim: float = 0.0
@@ -50,6 +62,18 @@ class Job:
             _check("job", name, getattr(self, name), "at least 0", getattr(self, name) >= 0.0)
         if not (self.ceiling > 0.0):
             raise InputError(f"job: ceiling: expected more than 0, found {self.ceiling}")
+        if not (0.0 <= self.tension <= 1.0):
+            raise InputError(f"job: tension: expected 0 to 1, found {self.tension}")
+
+    @property
+    def spacing(self) -> float:
+        """Distance at which a pair of particles neither attracts nor repels by cohesion [m]."""
+        return self.support_radius / self.support_in_spacings
+
+    @property
+    def touch(self) -> float:
+        """Distance of a centre from a solid within which the particle touches it [m]."""
+        return self.radius + self.contact_layer
 
 
 _POSITIVE = (
@@ -58,6 +82,7 @@ _POSITIVE = (
 )  # fmt: skip
 _NOT_NEGATIVE = (
     "viscosity_alpha", "damping", "gravity", "adhesion_normal", "adhesion_tangential",
+    "contact_layer", "cohesion",
 )  # fmt: skip
 
 

@@ -80,6 +80,17 @@ class LaneParameters(NamedTuple):
     """Artificial viscosity's factor, see `sph` [m^2/s^2 / m^2 * m * m/s]."""
     separation_floor: Floats
     """0.01 h^2 [m^2], keeps the viscosity finite for touching particles."""
+    least_pressure: Floats
+    """Least pressure over c^2 rho0: minus the tension."""
+    fastest_parting: Floats
+    """Most that viscosity sees of v_ij . r_ij [m^2/s]: 0 if it acts on approaching pairs only,
+    infinite if on all."""
+    cohesion_factor: Floats
+    """Factor k of cohesion [1/s^2]."""
+    neutral_slope: Floats
+    """(1 - q)^3 at the distance at which a pair neither attracts nor repels."""
+    touch: Floats
+    """Distance of a centre from a solid within which the particle touches it [m]."""
     gravity: Floats
     damping: Floats
     keep_normal: Floats
@@ -124,4 +135,5 @@ def empty_state(row_count: int) -> State:
 def empty_parameters() -> LaneParameters:
     """Parameters of a block without simulations; harmless values, no scene."""
     ones = {name: vectors(value=1.0) for name in LaneParameters._fields if name != "scene"}
+    ones |= {"least_pressure": vectors(), "cohesion_factor": vectors()}
     return LaneParameters(scene=np.full(LANES, -1, np.int64), **ones)

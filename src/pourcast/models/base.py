@@ -30,6 +30,7 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.memory import REMEMBERED, outcomes_of
 from pourcast.simulation.pour import Pour
+from pourcast.simulation.settings import EngineSettings
 
 
 def parameter(
@@ -319,6 +320,7 @@ def means_over_pours(
     groups: Sequence[Sequence[Pour]],
     pictured: Sequence[bool] = (),
     *,
+    settings: EngineSettings | None = None,
     remember: bool = False,
     progress: Progress = no_progress,
 ) -> list[np.float64]:
@@ -330,6 +332,8 @@ def means_over_pours(
         Pours of a model in a scene, group by group.
     pictured
         For each group whether its typical pour is recorded; by default none is.
+    settings
+        How pours are computed.
     remember
         Whether this process's memory of outcomes is used.
     progress
@@ -342,6 +346,7 @@ def means_over_pours(
         outcomes_of(
             pours,
             attrgetter("judgment"),
+            settings=settings,
             record=list(itertools.compress(typical, pictured)),
             memory=REMEMBERED if remember else None,
             progress=progress,

@@ -1,4 +1,4 @@
-"""How particles cover a picture: a liquid's run together, marbles stand one in front of another."""
+"""How particles cover a picture: a liquid's, which run together, marbles, and cells of a grid."""
 
 import math
 
@@ -7,6 +7,12 @@ from numpy.typing import NDArray
 
 MARBLE_OPACITY = 0.7
 """Of a marble, whose edge is opaque."""
+
+CELL_OPACITY = 0.85
+"""Of what fills a cell of a grid."""
+
+CELL_FILLED = 0.85
+"""Share of a cell's side that is filled: the rest tells it from the next one."""
 
 
 def liquid_cover(
@@ -88,6 +94,38 @@ def marble_covers(
     face, line = shares[:, reach:-reach, reach:-reach]
     face = face / np.maximum(1.0 - line, 1e-6)
     return np.round(255 * face).astype(np.uint8), np.round(255 * line).astype(np.uint8)
+
+
+def cell_cover(
+    places: NDArray[np.floating], side: float, shape: tuple[int, int]
+) -> NDArray[np.uint8]:
+    """How what fills cells of a grid covers a picture.
+
+    Parameters
+    ----------
+    places
+        Rows and columns of the cells' middles [pixels], shape [n_cells, 2].
+    side
+        Length of a cell's side [pixels].
+    shape
+        Rows and columns of the picture.
+
+    Returns
+    -------
+    ndarray
+        Opacity, 0..255, of that shape.
+    """
+    reach = 0.5 * CELL_FILLED * side
+    along, across = (
+        np.clip(
+            np.minimum(np.arange(length) + 1.0, place[:, None] + reach)
+            - np.maximum(np.arange(length), place[:, None] - reach),
+            0.0, 1.0,
+        )
+        for length, place in zip(shape, places.T, strict=True)
+    )  # fmt: skip
+    filled: NDArray[np.floating] = np.minimum(along.T @ across, 1.0)
+    return np.round(255 * CELL_OPACITY * filled).astype(np.uint8)
 
 
 def _around(

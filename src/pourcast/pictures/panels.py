@@ -8,13 +8,20 @@ from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import EllipseCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 from PIL import Image
 
-from pourcast.pictures.cover import MARBLE_OPACITY, liquid_cover, marble_covers
+from pourcast.pictures.cover import (
+    CELL_FILLED,
+    CELL_OPACITY,
+    MARBLE_OPACITY,
+    cell_cover,
+    liquid_cover,
+    marble_covers,
+)
 from pourcast.pictures.drawing import CELL, draw_paths, draw_scene, draw_start, liquid_image
 from pourcast.pictures.predictions import PredictedPaths, PredictedPour
 from pourcast.pictures.video import FRAME_RATE, Picture
@@ -33,7 +40,17 @@ _EDGE = 0.4
 def draw_pour(axes: Any, scene: Scene, pour: PredictedPour, frame: int) -> Any:
     """Draw the particles of a frame; returns the artist."""
     position = pour.frames[frame]
-    if pour.marbles:
+    if pour.look == "cells":
+        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (
+            0.5 * CELL_FILLED * pour.spacing
+        )
+        filled = position[:, None, :2] + corners
+        return axes.add_collection(
+            PolyCollection(
+                list(filled), facecolors=[(*pour.colour, CELL_OPACITY)], linewidths=0, snap=False
+            )
+        )
+    if pour.look == "marbles":
         count = len(position)
         return axes.add_collection(
             EllipseCollection(
@@ -82,7 +99,8 @@ def moments_figure(scene: Scene, predictions: Sequence[PredictedPour | Predicted
                 continue
             frame = round(column * (len(one.frames) - 1) / (MOMENTS - 1))
             draw_pour(axes, scene, one, frame)
-            axes.set_xlabel(f"{frame / FRAME_RATE:.2f} s", fontsize=8)
+            if one.look != "cells":
+                axes.set_xlabel(f"{frame / FRAME_RATE:.2f} s", fontsize=8)
         row[0].set_title(f"{one.name}", fontsize=9, loc="left")
         row[-1].set_title(f"J = {one.judgment:.2f}", fontsize=9, loc="right")
     return figure
@@ -174,7 +192,10 @@ class _FlowingPanel:
         # Rows of pictures count downwards.
         places = self._origin + self._pour.frames[frame][:, 1::-1] * (-self._scale, self._scale)
         shape = (empty.height, empty.width)
-        if self._pour.marbles:
+        if self._pour.look == "cells":
+            cover = Image.fromarray(cell_cover(places, self._pour.spacing * self._scale, shape))
+            return np.asarray(Image.composite(full, empty, cover)), (0, 0)
+        if self._pour.look == "marbles":
             radius, edge = 0.5 * self._pour.spacing * self._scale, _EDGE * DPI / 72
             faces, edges = map(Image.fromarray, marble_covers(places, radius, edge, shape))
             coloured = Image.composite(full, empty, faces)

@@ -1,9 +1,10 @@
-"""What a model predicts of a scene, as far as it can be pictured: a pour, or paths."""
+"""What a model predicts of a scene, as far as it can be pictured: a pour, a film, or paths."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,14 +35,14 @@ class Prediction:
 
 @dataclass(frozen=True)
 class PredictedPour(Prediction):
-    """Prediction of a model that judges by running pours: its typical one."""
+    """Prediction of a model that lets particles move: its typical pour, or its film."""
 
     frames: NDArray[np.float32]
-    """Particle positions [m], shape [frame_count, n_particles, 3]."""
+    """Particle positions [m], shape [frame_count, n_particles, 3]; a film's can lack z."""
     spacing: float
-    """Particle spacing [m]."""
-    marbles: bool
-    """Whether the particles are rigid marbles."""
+    """Particle spacing [m]: a marble's diameter, the side of a grid's cell."""
+    look: Literal["liquid", "marbles", "cells"] = "liquid"
+    """As what the particles are drawn. Cells of a grid are no pour: their frames have no time."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def make_predictions(
     *,
     report: Report = no_report,
 ) -> list[PredictedPour | PredictedPaths]:
-    """Judge a scene with models, and record their typical pours or their paths.
+    """Judge a scene with models, and record their typical pours, their films or their paths.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def make_predictions(
     return [
         replace(poured[spec], judgment=float(judgments[0]))
         if spec in poured
-        else PredictedPaths(spec, float(judgments[0]), liquid.rgb, _paths(model, scene, seed))
+        else _told_by(model, Prediction(spec, float(judgments[0]), liquid.rgb), scene, seed)
         for spec, model, judgments in zip(specs, models, judged, strict=True)
     ]
 
@@ -125,13 +126,19 @@ def predict_pours(
     )
     predictions = {}
     for (name, pour), (judgment, frames) in zip(pours.items(), ends, strict=True):
-        marbles = pour.kind == "marbles"
-        colour = _MARBLE if marbles else pour.liquid.rgb
-        predictions[name] = PredictedPour(name, judgment, colour, frames, pour.spacing, marbles)
+        colour = _MARBLE if pour.kind == "marbles" else pour.liquid.rgb
+        predictions[name] = PredictedPour(name, judgment, colour, frames, pour.spacing, pour.kind)
     return predictions
 
 
-def _paths(model: Model, scene: Scene, seed: int) -> tuple[NDArray[np.float64], ...]:
-    """Paths of a model that can tell them (SimpleSim), none of any other."""
-    tell = getattr(model, "paths", None)
-    return tuple(tell(scene, seed)) if callable(tell) else ()
+def _told_by(
+    model: Model, prediction: Prediction, scene: Scene, seed: int
+) -> PredictedPour | PredictedPaths:
+    """The prediction of a model without pours, with its film (Blobs) or its paths (SimpleSim)."""
+    film, paths = (getattr(model, name, None) for name in ("film", "paths"))
+    if callable(film):
+        positions, size = film(scene, seed)
+        frames = np.asarray(positions, np.float32)
+        return PredictedPour(**vars(prediction), frames=frames, spacing=size, look="cells")
+    told = tuple(paths(scene, seed)) if callable(paths) else ()
+    return PredictedPaths(**vars(prediction), paths=told)

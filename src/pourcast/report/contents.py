@@ -48,8 +48,8 @@ CAPTIONS = {
     "circle: the best.",
     "particle_engine": "The Intuitive Fluids Engine: smoothing kernel, and one moment with few "
     "particles and with many.",
-    "heuristics": "Models without a liquid: paths of the gravity heuristic and of SimpleSim, and "
-    "marbles.",
+    "heuristics": "Models without a liquid: paths of the gravity heuristic and of SimpleSim, "
+    "blobs half-way, and marbles.",
     "model_recovery": "Model recovery, {liquid} trials: each model was planted in simulated "
     "observers; which one fits them best?",
     "power": "Power, {liquid} trials: chance that {first}, if it is in people's heads, is told "

@@ -7,9 +7,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.engine.packing import (
-    spacing_of,
-)
+from pourcast.engine.packing import spacing_of
 from pourcast.errors import InputError, unknown
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene

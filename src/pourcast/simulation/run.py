@@ -70,7 +70,8 @@ def simulate(
     settings = settings or EngineSettings()
     groups: dict[tuple[Kind, int, Stepping], list[int]] = defaultdict(list)
     for index, pour in enumerate(pours):
-        stepping = settings.stepping(pour.kind, pour.spacing, pour.liquid.viscosity_alpha)
+        spacing = settings.spacing_in(pour.scene, pour.n_particles)
+        stepping = settings.stepping(pour.kind, spacing, pour.liquid.viscosity_alpha)
         groups[pour.kind, pour.n_particles, stepping].append(index)
     done, lock = 0, threading.Lock()
     progress(0, len(pours))
@@ -106,7 +107,7 @@ def simulate(
 def _name(pour: Pour, settings: EngineSettings) -> str:
     """A pour in words: scene, liquid and settings."""
     changed = [
-        f"{field.name}={getattr(settings, field.name):g}"
+        f"{field.name}={_in_words(getattr(settings, field.name))}"
         for field in fields(settings)
         if getattr(settings, field.name) != field.default
     ]
@@ -115,6 +116,10 @@ def _name(pour: Pour, settings: EngineSettings) -> str:
         f"({pour.kind}, damping {pour.damping_zeta:g}/s, engine settings "
         f"{', '.join(changed) or 'as they come'})"
     )
+
+
+def _in_words(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _solids_of(pours: Sequence[Pour]) -> tuple[Solids, list[int]]:
@@ -137,39 +142,46 @@ def _solids_of(pours: Sequence[Pour]) -> tuple[Solids, list[int]]:
 
 
 def _job(pour: Pour, scene_index: int, settings: EngineSettings) -> Job:
-    box, start = pour.scene.box, pour.scene.liquid
-    radius, support = start.diameter / 2, settings.support_in_spacings * pour.spacing
+    box, start, count = pour.scene.box, pour.scene.liquid, pour.n_particles
+    depth = settings.depth_in(pour.scene, count)
+    radius = start.diameter / 2
+    support = settings.support_in_spacings * settings.spacing_in(pour.scene, count)
+    contact_radius = settings.contact_radius_in(pour.scene, count, pour.kind)
+    cohesive = pour.kind == "liquid"  # marbles feel nothing but contact
     centre = (start.centre[0] + pour.offset[0], start.centre[1] + pour.offset[1])
-    origin = pack_cylinder(pour.n_particles, (0.0, 0.0), radius, box.depth)
-    position = pack_cylinder(pour.n_particles, centre, radius, box.depth)
+    origin = pack_cylinder(count, (0.0, 0.0), radius, depth)
     return Job(
-        position=position,
+        position=pack_cylinder(count, centre, radius, depth),
         scene=scene_index,
         width=box.width,
         height=box.height,
-        depth=box.depth,
-        radius=0.5 * pour.spacing,
+        depth=depth,
+        radius=contact_radius,
         support_radius=support,
-        reference_density=reference_density(origin, support, box.depth),
+        reference_density=reference_density(origin, support, depth),
         sound_speed=settings.sound_speed,
         viscosity_alpha=pour.liquid.viscosity_alpha,
-        damping=pour.damping_zeta,
+        damping=settings.damping_scale * pour.damping_zeta,
         duration=settings.max_duration,
         gravity=GRAVITY,
         adhesion_normal=pour.liquid.adhesion_normal,
         adhesion_tangential=pour.liquid.adhesion_tangential,
+        contact_layer=settings.contact_layer * contact_radius,
+        support_in_spacings=settings.support_in_spacings,
+        cohesion=pour.liquid.cohesion if cohesive else 0.0,
+        tension=pour.liquid.tension if cohesive else 0.0,
+        viscosity_of_all_pairs=settings.viscous_pairs == "all",
         rim=pour.scene.goal.rim,
     )
 
 
 def _outcome(pour: Pour, job: Job, result: Result, solids: Solids) -> Outcome:
-    from pourcast.engine.contact import TOUCH_SKIN  # noqa: PLC0415
     from pourcast.engine.solids import obstacle_distances  # noqa: PLC0415
 
     goal, position = pour.scene.goal, result.position.astype(np.float64)
     held = [goal.holds(x, y) for x, y in position[:, :2]]
     gap = obstacle_distances(position[:, :2], job.scene, solids)
-    on_obstacle = gap < job.radius * (1.0 + TOUCH_SKIN)
+    on_obstacle = gap < job.touch
     return Outcome(
         judgment=float(np.mean(held)),
         stranded=float(np.mean(on_obstacle | (position[:, 1] > goal.rim))),

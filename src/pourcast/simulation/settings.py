@@ -1,19 +1,24 @@
 """How pours are computed."""
 
 import math
-from dataclasses import dataclass, fields
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
 from pourcast.engine.job import Stepping
 from pourcast.engine.packing import (
     SUPPORT_IN_SPACINGS,
+    spacing_of,
 )
-from pourcast.errors import InputError
+from pourcast.errors import InputError, unknown
+from pourcast.scenes.scene import Scene
 
 Kind = Literal["liquid", "marbles"]
 """SPH liquid, or rigid spheres."""
+
+ViscousPairs = Literal["approaching", "all"]
+"""Pairs that artificial viscosity acts on."""
 
 _RANGES: dict[str, tuple[float, float]] = {
     "step": (1e-6, 0.1),
@@ -23,6 +28,10 @@ _RANGES: dict[str, tuple[float, float]] = {
     "courant": (1e-3, math.inf),
     "frame_rate": (1.0, 10_000.0),
     "max_duration": (1e-3, 3600.0),
+    "contact_radius": (0.2, 0.7),
+    "contact_layer": (1e-3, 1.0),
+    "marble_radius": (0.2, 0.7),
+    "damping_scale": (1e-3, 10.0),
 }
 
 
@@ -53,6 +62,25 @@ class EngineSettings:
         Frames per simulated second, 1 to 10,000: of films, and of the test for rest.
     max_duration
         Cap on the simulated time [s], 0.001 to 3600.
+    contact_radius
+        Radius of the sphere as which a liquid's particle meets solids, over the particle
+        spacing, 0.2 to 0.7. Half a spacing is the distance of the outermost particles of a
+        packing from its border.
+    contact_layer
+        How far beyond that radius a particle still touches a solid and may stick to it, in
+        radii, 0.001 to 1.
+    marble_radius
+        Radius of a marble over the particle spacing, 0.2 to 0.7. With 0.5, marbles fill 52 % of
+        the liquid's volume; with 0.62, all of it.
+    viscous_pairs
+        Pairs that artificial viscosity acts on: ``approaching`` (Monaghan 1992, section 4.1), or
+        ``all`` (Monaghan 2005, Rep. Prog. Phys. 68, section 8).
+    damping_scale
+        What a damping zeta of 1/s takes from the acceleration, over the velocity [1/s], 0.001 to
+        10. With 0.5 it is as if the damping had acted in one of two half-steps of an
+        integrator.
+    dimensions
+        3, or 2: a slab one particle thick, between panes.
 
     Raises
     ------
@@ -67,17 +95,44 @@ class EngineSettings:
     courant: float = 0.4
     frame_rate: float = 30.0
     max_duration: float = 10.0
+    contact_radius: float = 0.5
+    contact_layer: float = 0.1
+    marble_radius: float = 0.5
+    viscous_pairs: ViscousPairs = "approaching"
+    damping_scale: float = 1.0
+    dimensions: Literal[2, 3] = 3
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value, (low, high) = getattr(self, field.name), _RANGES[field.name]
+        if self.viscous_pairs not in get_args(ViscousPairs):
+            known = unknown(str(self.viscous_pairs), get_args(ViscousPairs))
+            raise InputError(f"engine settings: viscous_pairs: {known}")
+        if self.dimensions not in (2, 3):
+            raise InputError(
+                f"engine settings: dimensions: expected 2 or 3, found {self.dimensions}"
+            )
+        for name, (low, high) in _RANGES.items():
+            value = getattr(self, name)
             if isinstance(value, np.generic):  # would be counted with in its own precision
-                object.__setattr__(self, field.name, value := value.item())
+                object.__setattr__(self, name, value := value.item())
             if not (low <= value <= high and math.isfinite(value)):
                 expected = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
-                raise InputError(
-                    f"engine settings: {field.name}: expected {expected}, found {value}"
-                )
+                raise InputError(f"engine settings: {name}: expected {expected}, found {value}")
+
+    def depth_in(self, scene: Scene, n_particles: int) -> float:
+        """Depth of a scene's box as it is simulated [m]: its own, or a particle spacing."""
+        if self.dimensions == 3:
+            return scene.box.depth
+        return math.sqrt(math.pi / n_particles) * scene.liquid.diameter / 2
+
+    def spacing_in(self, scene: Scene, n_particles: int) -> float:
+        """Particle spacing of a scene's liquid [m]."""
+        depth = self.depth_in(scene, n_particles)
+        return spacing_of(n_particles, scene.liquid.diameter / 2, depth)
+
+    def contact_radius_in(self, scene: Scene, n_particles: int, kind: Kind) -> float:
+        """Radius as which particles meet solids, and marbles one another [m]."""
+        spacings = self.marble_radius if kind == "marbles" else self.contact_radius
+        return spacings * self.spacing_in(scene, n_particles)
 
     def stepping(self, kind: Kind, spacing: float, viscosity_alpha: float) -> Stepping:
         """Step and number of steps a frame for particles of a given spacing [m]."""

@@ -25,6 +25,7 @@ from pourcast.scenes.liquids.registry import WATER, resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.memory import REMEMBERED, outcomes_of
 from pourcast.simulation.pour import Pour
+from pourcast.simulation.settings import EngineSettings
 
 BATCH = 64
 """Scenes that are drawn and simulated together."""
@@ -59,17 +60,24 @@ class CoarseFilter:
     min_touched
         Least share of the liquid that must meet an obstacle. Of the values tried,
         0.9 comes nearest to the paper (`docs/explanation/scene-statistics.md`).
+    liquid
+        Name of the liquid that is poured.
+    settings
+        How pours are computed; by default as models compute them.
     """
 
     n_particles: int = 50
     damping_zeta: float = 5.0
     max_stranded: float = 0.05
     min_touched: float = 0.9
+    liquid: str = "water"
+    settings: EngineSettings | None = None
 
     def keeps(self, scenes: Sequence[Scene]) -> list[bool]:
         """Simulate scenes, and say which are kept."""
-        pours = [self.pour(scene, WATER) for scene in scenes]
-        ends = outcomes_of(pours, attrgetter("stranded", "touched"), memory=REMEMBERED)
+        pours = [self.pour(scene, resolve_liquid(self.liquid, scene)) for scene in scenes]
+        take = attrgetter("stranded", "touched")
+        ends = outcomes_of(pours, take, settings=self.settings, memory=REMEMBERED)
         return [
             stranded <= self.max_stranded and touched >= self.min_touched
             for stranded, touched in ends
@@ -262,7 +270,7 @@ class ContrastingScenes(SceneChoice):
         screened = np.array(_screen(pool.scenes, liquids, self.rule, report))
         wanted = min(round(self.confirm_factor * count), self.candidates)
         scenes = [pool.scenes[k] for k in choose_contrast(screened[0], screened[1], wanted)]
-        confirmed = np.array(_confirm(scenes, self.models, report))
+        confirmed = np.array(_confirm(scenes, self.models, self.rule, report))
         chosen = choose_contrast(confirmed[0], confirmed[1], count)
         order = np.random.default_rng(seed).permutation(chosen)
         return Selection(
@@ -283,6 +291,7 @@ def _screen(
     judgments = outcomes_of(
         [rule.pour(scene, liquid) for liquid in liquids for scene in scenes],
         attrgetter("judgment"),
+        settings=rule.settings,
         memory=REMEMBERED,
         progress=partial(report, words),
     )
@@ -290,12 +299,14 @@ def _screen(
 
 
 def _confirm(
-    scenes: Sequence[Scene], names: Sequence[str], report: Report
+    scenes: Sequence[Scene], names: Sequence[str], rule: CoarseFilter, report: Report
 ) -> list[NDArray[np.float64]]:
     """Judgments of models, an array a model."""
     requests = [JudgmentRequest(name, make_model(name), scenes, WATER) for name in names]
     words = f"confirming with {' and '.join(names)}"
-    return judge_together(requests, 0, report=lambda _, *count: report(words, *count))
+    return judge_together(
+        requests, 0, settings=rule.settings, report=lambda _, *count: report(words, *count)
+    )
 
 
 def choose_contrast(

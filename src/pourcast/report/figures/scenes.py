@@ -86,11 +86,12 @@ def _draw_particles(axes: Any, scene: Scene, pour: PredictedPour) -> None:
 
 
 def heuristics(scene: Scene) -> Figure:
-    """The gravity heuristic, SimpleSim with and without wrong turns, and marbles."""
+    """The gravity heuristic, SimpleSim with and without wrong turns, blobs, and marbles."""
     panels_of = {
         "gravity heuristic": "gravity",
         "SimpleSim, m = 0.1": "simple:g=0,m=0.1,m_sigma=0",
         "SimpleSim, m = 0.1, g = 0.5": "simple:g=0.5,m=0.1,m_sigma=0",
+        "Blobs, N = 100": "blobs",
         "MarbleSim, N = 25": "marble:n_particles=25,damping_zeta=2,zeta_sigma=0",
     }
     predictions = make_predictions(scene, list(panels_of.values()), WATER)
@@ -101,6 +102,8 @@ def heuristics(scene: Scene) -> Figure:
             draw_scene(axes, scene)
             if isinstance(one, PredictedPaths):
                 draw_predicted_paths(axes, scene, one)
+            elif one.look == "cells":
+                draw_pour(axes, scene, one, len(one.frames) // 2)
             else:
                 _draw_particles(axes, scene, one)
             axes.set_title(label, fontsize=7)

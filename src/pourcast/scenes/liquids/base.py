@@ -16,6 +16,8 @@ RESERVED = "trial"
 
 _RANGES = {
     "viscosity_alpha": (0.0, 10.0),  # the step shrinks with it
+    "cohesion": (0.0, 1.0),
+    "tension": (0.0, 1.0),
     "adhesion_normal": (0.0, 1e6),
     "adhesion_tangential": (0.0, 1e6),
     "kinematic_viscosity": (1e-9, 10.0),
@@ -36,6 +38,12 @@ class Liquid:
         Name in tables and on the command line: small letters, digits, hyphens.
     viscosity_alpha
         Particle engine: artificial viscosity alpha of Monaghan (1992), dimensionless, 0..10.
+    cohesion
+        Particle engine: surface tension over density [m^3/s^2], 0..1, by which it holds together
+        (`engine.cohesion`). Real water has 7.3e-5.
+    tension
+        Particle engine: least pressure over c^2 rho0, with the sign reversed, 0..1. 0: none below
+        that at rest; 1: the equation of state without a bound (`engine.equation_of_state`).
     adhesion_normal, adhesion_tangential
         Particle engine: rates [1/s] at which the speed across and along a surface decays while
         a particle touches it, 0..1e6 (the paper's "stickiness").
@@ -75,6 +83,8 @@ class Liquid:
     viscosity_alpha: float
     adhesion_normal: float = 0.0
     adhesion_tangential: float = 0.0
+    cohesion: float = 0.0
+    tension: float = 0.0
     kinematic_viscosity: float = 1e-6
     slip: float = 1.0
     wall_pull: float = 0.0
@@ -132,6 +142,8 @@ class Liquid:
             "viscosity_alpha": self.viscosity_alpha,
             "adhesion_normal": self.adhesion_normal,
             "adhesion_tangential": self.adhesion_tangential,
+            "cohesion": self.cohesion,
+            "tension": self.tension,
         }
 
 
