@@ -53,7 +53,7 @@ def train(
         str | None,
         typer.Option(
             metavar="WxH",
-            help="Pixels [efficientnet-lite0 128x192, convnet-small 64x96, others 224x224].",
+            help="Pixels [efficientnet-lite0 and convnet-small 64x96, others 224x224].",
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A first look: fewer passes.")] = False,

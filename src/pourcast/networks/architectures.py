@@ -18,23 +18,31 @@ LITE0_ROWS = (
 """EfficientNet-Lite0's blocks: how many, width of the kernel, stride of the first, expansion,
 channels (Tan & Le 2019, table 1; Lite: `efficientnet_lite_builder.py` of tensorflow/tpu)."""
 
-LITE0_STRIDE = 32
-"""Pixels of the picture from one place of the last block to the next."""
+LITE0_KEPT = 3
+"""Rows of blocks that are kept: down to 40 channels, a place for every 8 pixels."""
+
+LITE0_NEW = ((128, 128), (192, 192, 192))
+"""Channels of the new convolutions after them: the last two groups of `convnet-small`."""
 
 
 def convnet_small(nn: Any, height: int, width: int) -> Any:
     """Ours: eleven small convolutions, and a linear map of all that they make."""
+    return nn.Sequential(*_small_layers(nn, 3, SMALL_WIDTHS, (height, width)))
+
+
+def _small_layers(
+    nn: Any, channels: int, groups: tuple[tuple[int, ...], ...], size: tuple[int, int]
+) -> list[Any]:
+    """Groups of convolutions, after each the picture is halved, and a linear map of all places."""
     layers: list[Any] = []
-    channels = 3
-    for group in SMALL_WIDTHS:
+    for group in groups:
         for wide in group:
             convolution = nn.Conv2d(channels, wide, 3, padding=1, bias=False)
             layers += [convolution, nn.BatchNorm2d(wide), nn.ReLU(inplace=True)]
             channels = wide
         layers.append(nn.MaxPool2d(2))
-    rows, columns = (max(1, size >> len(SMALL_WIDTHS)) for size in (height, width))
-    last = nn.Linear(channels * rows * columns, 1)
-    return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(DROPOUT), last)
+    places = math.prod(max(1, pixels >> len(groups)) for pixels in size)
+    return [*layers, nn.Flatten(), nn.Dropout(DROPOUT), nn.Linear(channels * places, 1)]
 
 
 def alexnet(nn: Any) -> Any:
@@ -68,26 +76,26 @@ def alexnet(nn: Any) -> Any:
 
 
 def efficientnet_lite0(torch: Any, height: int, width: int) -> Any:
-    """EfficientNet-Lite0 up to its last block, and a linear map of all that this makes.
+    """EfficientNet-Lite0's first rows of blocks, and new layers that say where liquid ends.
 
-    Its own last layers, a convolution to 1280 channels and their mean over the picture, are left
-    out with the classes that they were for: they hardly tell where things are, and a mean over
-    the picture is nearly the same in a mirror.
+    Its upper rows are left out with the classes that they were for: in the same time, networks
+    that keep more of them learn less (`docs/reference/convnet.md` has the trials). `new_layers`
+    names what no weights of ImageNet are for.
     """
     nn = torch.nn
-    body = lite0_body(torch)
-    inputs = LITE0_ROWS[-1][-1] * math.prod(-(-size // LITE0_STRIDE) for size in (height, width))
-    model = nn.Sequential(
-        OrderedDict(
-            **body, flatten=nn.Flatten(), dropout=nn.Dropout(DROPOUT), _fc=_linear(torch, inputs)
-        )
-    )
-    model.learn_together = _lite0_layers(model)
+    body = lite0_body(torch, LITE0_KEPT)
+    channels, size = LITE0_ROWS[LITE0_KEPT - 1][-1], (height, width)
+    for stride in (2, *(row[2] for row in LITE0_ROWS[:LITE0_KEPT])):
+        size = -(-size[0] // stride), -(-size[1] // stride)
+    head = nn.Sequential(*_small_layers(nn, channels, LITE0_NEW, size))
+    model = nn.Sequential(OrderedDict(**body, head=head))
+    model.new_layers = "head"
+    model.learn_together = [*_lite0_layers(model), [head]]
     return model
 
 
-def lite0_body(torch: Any) -> dict[str, Any]:
-    """Stem and blocks, with the names of weights of the package efficientnet-lite-pytorch.
+def lite0_body(torch: Any, rows: int = len(LITE0_ROWS)) -> dict[str, Any]:
+    """Stem and so many rows of blocks, with the names of the package efficientnet-lite-pytorch.
 
     That package computes the same to the bit, a third slower, and is no longer kept.
     """
@@ -97,29 +105,28 @@ def lite0_body(torch: Any) -> dict[str, Any]:
         "_conv_stem": nn.Conv2d(3, 32, 3, stride=2, bias=False),
         "_bn0": _normalisation(nn, 32),
         "relu0": nn.ReLU6(inplace=True),
-        "_blocks": nn.Sequential(*(_bottleneck(torch, *sizes) for sizes in _lite0_blocks())),
+        "_blocks": nn.Sequential(*(_bottleneck(torch, *sizes) for sizes in _lite0_blocks(rows))),
     }
 
 
-def _lite0_blocks() -> Iterator[tuple[int, int, int, int, int]]:
+def _lite0_blocks(rows: int) -> Iterator[tuple[int, int, int, int, int]]:
     """Of each block: width of the kernel, stride, expansion, channels in, channels out."""
     channels = 32
-    for count, kernel, stride, expansion, wide in LITE0_ROWS:
+    for count, kernel, stride, expansion, wide in LITE0_ROWS[:rows]:
         for place in range(count):
             yield kernel, 1 if place else stride, expansion, channels, wide
             channels = wide
 
 
 def _lite0_layers(model: Any) -> list[list[Any]]:
-    """Modules that learn in the same stage: seven groups.
+    """Modules of ImageNet's that learn in the same stage.
 
-    The first is the stem with both rows of blocks of high resolution; then one row each, and
-    the linear map.
+    The first group is the stem with both rows of blocks of high resolution, the second the last
+    row that is kept.
     """
-    blocks = iter(model._blocks)
-    rows = [[next(blocks) for _ in range(row[0])] for row in LITE0_ROWS]
-    first = [model._conv_stem, model._bn0, *rows[0], *rows[1]]
-    return [first, *rows[2:], [model._fc]]
+    blocks = list(model._blocks)
+    last = len(blocks) - LITE0_ROWS[LITE0_KEPT - 1][0]
+    return [[model._conv_stem, model._bn0, *blocks[:last]], blocks[last:]]
 
 
 def _bottleneck(
@@ -181,18 +188,3 @@ def _depthwise(torch: Any, channels: int, kernel: int, stride: int) -> Any:
 
     padding = kernel // 2 if stride == 1 else 0
     return Depthwise(channels, channels, kernel, stride, padding, groups=channels, bias=False)
-
-
-def _linear(torch: Any, inputs: int) -> Any:
-    """A linear map to one output, of inputs that are divided by the root of their number.
-
-    AdamW moves all weights by equal steps: what a step does to the output grows with the number
-    of inputs, and thousands of them make learning unstable at any rate that the layers below
-    need.
-    """
-
-    class ScaledLinear(torch.nn.Linear):  # type: ignore[misc]
-        def forward(self, x: Any) -> Any:
-            return super().forward(x * self.in_features**-0.5)
-
-    return ScaledLinear(inputs, 1)

@@ -42,7 +42,18 @@ class Usual:
 _USUAL_SHAPE = {"height": 224, "width": 224}
 
 _USUAL = {
-    "efficientnet-lite0": Usual({"height": 192, "width": 128, "start": "imagenet"}, _INCEPTION),
+    "efficientnet-lite0": Usual(
+        {
+            "height": 96,
+            "width": 64,
+            "start": "imagenet",
+            "batch": 32,
+            # Its new layers begin at random: they need the rate and the passes of a random start.
+            "tuning_rate": 2e-3,
+            "tuning_passes": 24,
+        },
+        _INCEPTION,
+    ),
     "convnet-small": Usual({"height": 96, "width": 64}),
     "alexnet": Usual(_USUAL_SHAPE),
 }
@@ -261,7 +272,7 @@ def backbone_of(path: Path) -> str:
         # Weights without values are made at once, however many.
         with torch_module().device("meta"):
             model = _by_name(name, usual(name).recipe["height"], usual(name).recipe["width"])
-        if set(model.state_dict()) <= names:
+        if set(model.state_dict()) - set(_new_names(model)) <= names:
             return name
     raise InputError(
         f"{path}: not the weights of {', '.join(OWN)}; say with --backbone whose they are"
@@ -269,7 +280,7 @@ def backbone_of(path: Path) -> str:
 
 
 def take_over(model: Any, weights: Mapping[str, Any], source: str) -> None:
-    """Take another network's weights, but for its last layer.
+    """Take another network's weights, but for its last layer; new layers may be missing there.
 
     Parameters
     ----------
@@ -287,9 +298,10 @@ def take_over(model: Any, weights: Mapping[str, Any], source: str) -> None:
     """
     own = model.state_dict()
     last = last_layer(own)
+    new = [name for name in _new_names(model) if name not in weights]
     kept = {name: tensor for name, tensor in weights.items() if not name.startswith(f"{last}.")}
     for name, tensor in own.items():
-        if name.startswith(f"{last}."):
+        if name.startswith(f"{last}.") or name in new:
             continue
         if name not in kept or kept[name].shape != tensor.shape:
             found = f"it has the shape {tuple(kept[name].shape)}" if name in kept else "missing"
@@ -298,6 +310,12 @@ def take_over(model: Any, weights: Mapping[str, Any], source: str) -> None:
                 f"{tuple(tensor.shape)}, {found})"
             )
     model.load_state_dict(own | {name: kept[name] for name in own if name in kept})
+
+
+def _new_names(model: Any) -> list[str]:
+    """Names of weights in layers that its backbone, as others trained it, does not have."""
+    new = getattr(model, "new_layers", None)
+    return [name for name in model.state_dict() if new and name.startswith(f"{new}.")]
 
 
 def last_layer(names: Iterable[str]) -> str:

@@ -62,7 +62,7 @@ HELD_OUT = 120
 
 FEWEST_SCENES = 32
 
-QUICK: dict[str, Any] = {"passes": 12, "stage_passes": 1, "tuning_passes": 4}
+QUICK: dict[str, Any] = {"passes": 12, "stage_passes": 1, "tuning_passes": 6}
 """A first look: fewer passes."""
 
 
