@@ -2,10 +2,10 @@
 
 Makes the table of `docs/reference/stimulus-truth.md`:
 
-    python -m benchmarks.stimulus_truth [scenes] > table.md
+    python -m benchmarks.stimulus_truth [scenes] [cells ...] > table.md
 
-Every scene is poured by the lattice-Boltzmann solver at two resolutions, as water and as honey,
-and judged by the particle engine's ground truths.
+Every scene is poured by the lattice-Boltzmann solver at several resolutions (by default 60, 100
+and 150 cells), as water and as honey, and judged by the particle engine's ground truths.
 """
 
 import sys
@@ -24,7 +24,7 @@ from pourcast.study.folder import SceneRequest, generate_scenes
 
 Array = NDArray[np.float64]
 
-RESOLUTIONS = (60, 100)
+RESOLUTIONS = (60, 100, 150)
 LIQUIDS = ("water", "honey")
 STANDARD = 100
 """Resolution with which the others are compared."""
@@ -59,10 +59,10 @@ def difference(one: Array, other: Array) -> str:
     return f"{np.abs(one - other).mean():.2f}"
 
 
-def main(count: int) -> None:
+def main(count: int, resolutions: Sequence[int]) -> None:
     scenes = generate_scenes(SceneRequest("exp1", count, 1)).scenes
     truths = judged(scenes)
-    keys = [(name, n) for name in LIQUIDS for n in RESOLUTIONS]
+    keys = [(name, n) for name in LIQUIDS for n in resolutions]
     with ProcessPoolExecutor(available_cores()) as pool:
         shares = np.array(list(pool.map(outcome, [(s, key) for key in keys for s in scenes])))
     outcomes = dict(zip(keys, shares[:, 0].reshape(len(keys), -1), strict=True))
@@ -75,7 +75,8 @@ def main(count: int) -> None:
     for (name, n), own in outcomes.items():
         row = [r(own, truths[truth]) for truth in TRUTHS]
         row += [difference(own, truths[truth]) for truth in TRUTHS]
-        row += [r(own, outcomes[name, STANDARD]), r(own, outcomes["water", n])]
+        standard = outcomes.get((name, STANDARD))
+        row += [r(own, standard) if standard is not None else "", r(own, outcomes["water", n])]
         row += [f"{own.mean():.2f} ({own.std():.2f})", f"{stranded[name, n]:.2f}"]
         print("|", " | ".join([name, str(n), *row]), "|", flush=True)
     water, honey = (truths[name] for name in TRUTHS)
@@ -84,4 +85,5 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 40)
+    scene_count, *cells = (int(word) for word in sys.argv[1:] or ["40"])
+    main(scene_count, cells or RESOLUTIONS)

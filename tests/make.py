@@ -29,8 +29,8 @@ NO_SOLIDS = pack_solids([[]])
 
 
 OPEN_CHOICES = {
-    "cohesion": (replace(HONEY_EXP1, cohesion=0.03), EngineSettings()),
-    "tension": (replace(HONEY_EXP1, tension=0.02), EngineSettings()),
+    "cohesion": (replace(HONEY_EXP1, cohesion=0.06), EngineSettings()),
+    "tension": (replace(HONEY_EXP1, cohesion=0.0, tension=0.02), EngineSettings()),
     "viscosity of all pairs": (HONEY_EXP1, EngineSettings(viscous_pairs="all")),
     "contact": (HONEY_EXP1, EngineSettings(contact_radius=0.35, contact_layer=0.6)),
     "damping": (WATER, EngineSettings(damping_scale=0.5)),

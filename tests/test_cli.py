@@ -41,15 +41,17 @@ def listing(folder):
 
 
 def test_scenes_twice_are_the_same_bytes(tmp_path, capsys):
-    for experiment, extra in (("exp1", []), ("exp2", ["--candidates", "24"])):
+    for experiment, extra in (("exp1", []), ("exp2-v0", ["--candidates", "24"])):
         one, two = tmp_path / f"{experiment}a.json", tmp_path / f"{experiment}b.json"
         for path in (one, two):
             assert call("scenes", experiment, "-n", 4, "--seed", 1, "-o", path, *extra) == 0
         assert one.read_bytes() == two.read_bytes()
         assert len(read_scenes(one)) == 4
     printed = capsys.readouterr().out
-    assert "the filter kept" in printed
-    assert "correlation of water-ife and honey-ife-1" in printed
+    assert "at most 5% of it ends on an obstacle" in " ".join(printed.split())
+    assert (
+        "correlation of water-ife:liquid=water-v0 and honey-ife-1:liquid=honey-exp2-v0" in printed
+    )
 
 
 def test_predict_writes_a_row_per_scene_and_model(tmp_path, capsys):
@@ -120,6 +122,21 @@ def test_show_a_picture(tmp_path, suffix):
         pixels = np.asarray(Image.open(out).convert("RGB")).reshape(-1, 3)
         assert len(np.unique(pixels, axis=0)) > 50
     assert call("show", path, "-o", out) == 0
+
+
+def test_show_all_scenes_on_a_page(tmp_path, capsys):
+    path = scene_file(tmp_path, 3)
+    out = tmp_path / "all.png"
+    models = ["-m", QUICK, "-m", "water-simple", "-m", "marble:n_particles=15,zeta_sigma=0"]
+    assert call("show", path, "--scene", "all", *models, "-o", out) == 0
+    assert "all.png: 3 scenes" in capsys.readouterr().out
+    once = out.read_bytes()
+    REMEMBERED.forget_all()
+    assert call("show", path, "--scene", "all", *models, "-o", out) == 0
+    assert out.read_bytes() == once
+    one = tmp_path / "one.svg"
+    assert call("show", path, "--scene", "all", "-m", QUICK, "-o", one) == 0
+    assert one.read_text(encoding="utf-8").count("<image") == 3  # a panel's liquid each
 
 
 def test_show_films(tmp_path):
@@ -215,6 +232,13 @@ def bad_calls(folder):
         "unknown table": (["predict", good, "-o", folder / "j.xls"], r"j.xls: expected a name that ends"),
         "unknown picture": (["show", good, "-o", folder / "p.bmp"], "p.bmp: expected a name that ends"),
         "film of nothing": (["show", good, "-o", folder / "p.mp4"], "needs at least one --model"),
+        "film of all": (
+            ["show", good, "--scene", "all", "-m", QUICK, "-o", folder / "p.mp4"],
+            "p.mp4: all scenes make a picture",
+        ),
+        "page of nothing": (
+            ["show", good, "--scene", "all", "-o", folder / "p.png"], "needs at least one --model"
+        ),
         "bad film model": (["show", good, "-m", "x", "-o", folder / "p.mp4"], "there is no 'x'"),
         "bad option": (["predict", good, "--colour"], "No such option"),
         "bad command": (["flow"], "No such command 'flow'"),
@@ -230,7 +254,7 @@ def bad_calls(folder):
 @pytest.mark.parametrize("name", [
     "missing file", "folder without scenes", "broken JSON", "old schema", "empty list", "not finite",
     "no such model", "no such scene", "unwritable", "unwritable scenes", "unknown table",
-    "unknown picture", "film of nothing", "bad film model", "bad option", "bad command", "bad count",
+    "unknown picture", "film of nothing", "film of all", "page of nothing", "bad film model", "bad option", "bad command", "bad count",
     "few candidates", "import nothing", "import text",
 ])  # fmt: skip
 def test_bad_input_is_one_line_exit_2_and_leaves_nothing(tmp_path, capsys, name):

@@ -14,10 +14,13 @@ from pourcast.scenes.goals.cup import Cup
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.polygons import convex_pieces
 from pourcast.scenes.scene_file import scenes_to_json
+from pourcast.study import folder
 from pourcast.study.experiments.registry import EXPERIMENTS, experiment_like
+from pourcast.study.folder import SceneRequest, how_chosen, new_study, open_study
 from pourcast.study.selection import (
     CoarseFilter,
     ContrastingScenes,
+    Selection,
     choose_contrast,
     drawn_scene,
     filtered_scenes,
@@ -119,8 +122,10 @@ def test_contrasting_scenes_from_a_small_pool():
     choice = ContrastingScenes(candidates=60)
     chosen, again = (choice.choose(ShapesFamily(), 6, 1) for _ in range(2))
     assert scenes_to_json(chosen.scenes) == scenes_to_json(again.scenes)
-    assert chosen.pool_correlation > 0.5
-    assert chosen.correlation < 0.0
+    both = "correlation of water-ife and honey-ife-1"
+    assert chosen.figures[f"{both}, all candidates"] > 0.5
+    assert chosen.figures[both] < 0.0
+    assert len(choice.stages) == len(chosen.left)
     with pytest.raises(InputError, match="candidates: expected at least 6"):
         ContrastingScenes(candidates=5).choose(ShapesFamily(), 6, 1)
 
@@ -140,9 +145,6 @@ def test_any_star_is_split_into_convex_pieces_that_cover_it(radii):
 
 
 def test_a_study_that_was_interrupted_is_gone_on_with(tmp_path):
-    from pourcast.errors import InputError
-    from pourcast.study.folder import SceneRequest, new_study, open_study
-
     request = SceneRequest("exp1", 2, 3)
     new_study(tmp_path / "whole", request)
     whole = (tmp_path / "whole" / "scenes.json").read_bytes()
@@ -175,3 +177,16 @@ def test_older_experiments_stay_as_they_were(name):
         assert older.cohesion == older.tension == 0.0
         for spec in (experiment.truth(liquid), experiment.observer_model(liquid)):
             assert make_model(spec).liquid in experiment.shown_liquids
+
+
+@pytest.mark.parametrize(
+    "few", [SceneRequest("exp1", 2, quick=True), SceneRequest("exp2", 4, 3, 60, quick=True)]
+)
+def test_a_study_says_how_its_scenes_were_chosen(tmp_path, monkeypatch, few):
+    assert how_chosen(tmp_path) == ()
+    scenes = draws(EXPERIMENTS.get(few.experiment).family, 9)
+    monkeypatch.setattr(folder, "generate_scenes", lambda *_: Selection(scenes, 9, 9))
+    new_study(tmp_path / "one", few)
+    assert how_chosen(tmp_path / "one") == few.choice.stages
+    assert ("quick" in (tmp_path / "one" / "study.toml").read_text()) == (few.candidates == 60)
+    assert open_study(tmp_path / "one", few) == scenes

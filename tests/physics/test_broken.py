@@ -346,6 +346,10 @@ def test_settings_refuse_what_is_no_positive_number(field, value):
         ({"support_in_spacings": 1.1}, "1.2 to 4, found 1.1"),
         ({"sound_speed": 0.5}, "at least 1, found 0.5"),
         ({"contact_radius": 0.8}, "0.2 to 0.7, found 0.8"),
+        (
+            {"dimensions": 2, "contact_radius": 0.6},
+            "contact_radius: expected at most 0.5 in a slab",
+        ),
         ({"dimensions": 2.5}, "2 or 3, found 2.5"),
         ({"viscous_pairs": "none"}, "viscous_pairs: .*'none'.*approaching, all"),
     ],

@@ -15,7 +15,7 @@ from pourcast.cli.options import (
     SeedOption,
     complete_experiment,
 )
-from pourcast.cli.terminal import print_json, progress_bar
+from pourcast.cli.terminal import print_json, print_rows, progress_bar
 
 
 class ForeignFormat(StrEnum):
@@ -65,32 +65,26 @@ def scenes(
     with progress_bar() as report:
         selection = generate_scenes(request, report)
     write_scenes(out, selection.scenes)
-    _print_selection(selection, out, as_json=as_json)
+    _print_selection(selection, request.choice, out, as_json=as_json)
 
 
-def _print_selection(selection: Any, path: Path, *, as_json: bool) -> None:
-    facts = {
-        "file": str(path),
-        "scenes": len(selection.scenes),
-        "drawn": selection.drawn,
-        "kept": selection.kept,
-        "acceptance": selection.kept / selection.drawn,
-        "correlation": selection.correlation,
-        "pool_correlation": selection.pool_correlation,
-    }
+def _print_selection(selection: Any, choice: Any, path: Path, *, as_json: bool) -> None:
+    chosen = [
+        {"stage": stage, "scenes": left, "how": how}
+        for (stage, how), left in zip(choice.stages, selection.left, strict=True)
+    ]
     if as_json:
+        facts = {
+            "file": str(path), "scenes": len(selection.scenes), "drawn": selection.drawn,
+            "kept": selection.kept, "acceptance": selection.kept / selection.drawn,
+            "chosen": chosen, "figures": dict(selection.figures),
+        }  # fmt: skip
         print_json(facts)
         return
-    typer.echo(
-        f"{path}: {facts['scenes']} scenes; the filter kept {selection.kept} of {selection.drawn} "
-        f"draws ({100 * selection.kept / selection.drawn:.0f} %)"
-    )
-    if selection.correlation is not None:
-        typer.echo(
-            f"correlation of {' and '.join(selection.correlated)}: "
-            f"{selection.correlation:+.2f} over the "
-            f"chosen scenes ({selection.pool_correlation:+.2f} over all candidates)"
-        )
+    typer.echo(f"{path}: {len(selection.scenes)} scenes")
+    print_rows(chosen)
+    for words, value in selection.figures.items():
+        typer.echo(f"{words}: {value:.3g}")
 
 
 @app.command()
@@ -118,28 +112,39 @@ def new(
     request = SceneRequest(experiment, count, seed, candidates, practice)
     with progress_bar() as report:
         selection = new_study(folder, request, report)
-    _print_selection(selection, folder / "scenes.json", as_json=as_json)
+    _print_selection(selection, request.choice, folder / "scenes.json", as_json=as_json)
 
 
 @app.command()
 def show(
     scenes: ScenesArgument,
     out: Annotated[Path, typer.Option("--output", "-o", help="A .png, .svg, .gif or .mp4 file.")],
-    scene: Annotated[str, typer.Option(help="Which scene: a number from 1, or its id.")] = "1",
+    scene: Annotated[
+        str, typer.Option(help="Which scene: a number from 1, its id, or `all` on one page.")
+    ] = "1",
     model: ModelOption = None,
     liquid: LiquidOption = "water",
     seed: SeedOption = 0,
 ) -> None:
     """Look at a scene, at a pour in six moments (.png, .svg) or as a film (.gif, .mp4).
 
-    Several models stand side by side, each with its judgment.
+    Several models stand side by side, each with its judgment. With `--scene all`, all scenes
+    stand on one page (.png, .svg), with the liquid's way and end by each model.
 
     Example: pourcast show scenes.json --scene 3 -m water-ife -m honey-ife-1 -o pour.mp4
     """
     from pourcast.pictures.show import show as show_scene
+    from pourcast.pictures.show import show_all
     from pourcast.study.folder import load_scenes, pick_scene, study_liquids
 
-    chosen = pick_scene(load_scenes(scenes), scene, scenes)
+    loaded = load_scenes(scenes)
+    if scene == "all":
+        own = study_liquids(scenes)
+        with progress_bar() as report:
+            show_all(loaded, out, model or [], liquid, seed, own=own, report=report)
+        typer.echo(f"{out}: {len(loaded)} scenes")
+        return
+    chosen = pick_scene(loaded, scene, scenes)
     with progress_bar() as report:
         predictions = show_scene(
             chosen, out, model or [], liquid, seed, own=study_liquids(scenes), report=report

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,15 @@ MOMENTS = 6
 
 DPI = 100
 """Pixels an inch of films."""
+
+_PAGE_PANELS = 16
+"""Panels beside one another on a page of all scenes."""
+
+_PAGE_PANEL, _PAGE_GAP, _PAGE_WORDS = 0.85, 0.06, 0.36
+"""Width of its panels, what is between them, and the height of words [inch]."""
+
+_WAY_OPACITY = 0.3
+"""Of where a liquid has been, over that of where it is."""
 
 _EDGE = 0.4
 """Width of the line around a marble [point]."""
@@ -104,6 +113,58 @@ def moments_figure(scene: Scene, predictions: Sequence[PredictedPour | Predicted
         row[0].set_title(f"{one.name}", fontsize=9, loc="left")
         row[-1].set_title(f"J = {one.judgment:.2f}", fontsize=9, loc="right")
     return figure
+
+
+def page_figure(
+    scenes: Sequence[Scene], predictions: Sequence[Sequence[PredictedPour | PredictedPaths]]
+) -> Figure:
+    """All scenes on a page, each as often as there are models: where the liquid goes.
+
+    Parameters
+    ----------
+    scenes
+        The scenes, all with boxes of one shape.
+    predictions
+        For each scene what each model predicts.
+    """
+    models = [one.name for one in predictions[0]]
+    beside = min(max(1, _PAGE_PANELS // len(models)), len(scenes))
+    down = -(-len(scenes) // beside)
+    panel = _PAGE_PANEL, _PAGE_PANEL * max(scene.box.height / scene.box.width for scene in scenes)
+    cell = len(models) * (panel[0] + _PAGE_GAP) + 2 * _PAGE_GAP, panel[1] + _PAGE_WORDS
+    size = beside * cell[0], down * cell[1] + _PAGE_WORDS
+    figure = Figure(figsize=size)
+    figure.text(
+        _PAGE_GAP / size[0], 1.0 - 0.3 * _PAGE_WORDS / size[1],
+        f"Where the liquid goes by {', by '.join(models)}: its way pale, its end dark; the share "
+        "in the goal below.", fontsize=9, va="top",
+    )  # fmt: skip
+    for number, (scene, row) in enumerate(zip(scenes, predictions, strict=True)):
+        left = number % beside * cell[0] + _PAGE_GAP
+        bottom = size[1] - _PAGE_WORDS - (number // beside + 1) * cell[1] + _PAGE_WORDS / 2
+        for k, one in enumerate(row):
+            place = left + k * (panel[0] + _PAGE_GAP), bottom
+            axes = figure.add_axes((*np.divide(place, size), *np.divide(panel, size)))
+            draw_scene(axes, scene)
+            if isinstance(one, PredictedPaths):
+                draw_predicted_paths(axes, scene, one)
+            else:
+                _draw_way(axes, scene, one)
+            axes.set_xlabel(f"{one.judgment:.2f}", fontsize=7, labelpad=1)
+            if k == 0:
+                axes.set_title(scene.id, fontsize=7, loc="left", pad=2)
+    return figure
+
+
+def _draw_way(axes: Any, scene: Scene, pour: PredictedPour) -> None:
+    """Draw all places where the liquid has been, pale, and where it ends."""
+    frames = (liquid_image(frame, pour.spacing, scene, pour.colour) for frame in pour.frames)
+    way = reduce(np.maximum, (picture[:, :, 3] for picture in frames))
+    end = liquid_image(pour.frames[-1], pour.spacing, scene, pour.colour)
+    end[:, :, 3] = np.maximum(end[:, :, 3], (_WAY_OPACITY * way).astype(np.uint8))
+    extent = (0.0, scene.box.width, 0.0, scene.box.height)
+    axes.imshow(end, origin="lower", extent=extent, interpolation="bilinear", zorder=3)
+    axes.set(xlim=(0, scene.box.width), ylim=(0, scene.box.height))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from pourcast.cores import available_cores
 from pourcast.errors import InputError
 from pourcast.files import check_writable, replacing
-from pourcast.pictures.panels import FilmFigure, film_figure, moments_figure, scene_figure
+from pourcast.pictures.panels import (
+    FilmFigure,
+    film_figure,
+    moments_figure,
+    page_figure,
+    scene_figure,
+)
 from pourcast.pictures.predictions import Prediction, make_predictions
 from pourcast.pictures.video import FRAME_RATE, write_film, write_gif
 from pourcast.progress import Progress, Report, no_report
@@ -20,7 +26,9 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 
-SUFFIXES = (".png", ".svg", ".gif", ".mp4")
+PICTURES = (".png", ".svg")
+
+SUFFIXES = (*PICTURES, ".gif", ".mp4")
 
 _GIF_STRIDE = 2
 
@@ -84,6 +92,56 @@ def show(
         else:
             _save_picture(scene_figure(scene), temporary)
     return list(predictions)
+
+
+def show_all(
+    scenes: Sequence[Scene],
+    path: Path,
+    models: Sequence[str],
+    liquid: str = "water",
+    seed: int = 0,
+    *,
+    own: Sequence[Liquid] = (),
+    report: Report = no_report,
+) -> list[list[Prediction]]:
+    """Make one picture of all scenes: where the liquid goes by each model, and how it ends.
+
+    Parameters
+    ----------
+    scenes
+        The scenes.
+    path
+        PNG or SVG.
+    models, liquid, seed, own
+        See `show`.
+    report
+        Told of the scenes that are done.
+
+    Returns
+    -------
+    list of list of Prediction
+        For each scene what the models predict.
+
+    Raises
+    ------
+    InputError
+        If the extension or a model is wrong, there is no model, or the file can't be written.
+    """
+    if path.suffix.lower() not in PICTURES:
+        raise InputError(
+            f"{path}: all scenes make a picture: expected a name that ends in {', '.join(PICTURES)}"
+        )
+    if not models:
+        raise InputError(f"{path}: a page of all scenes needs at least one --model")
+    check_writable(path)
+    predictions = []
+    for done, scene in enumerate(scenes):
+        report("looking at scenes", done, len(scenes))
+        trial_liquid = resolve_liquid(liquid, scene, own)
+        predictions.append(make_predictions(scene, models, trial_liquid, seed, own))
+    with replacing(path) as temporary:
+        _save_picture(page_figure(scenes, predictions), temporary)
+    return [list(row) for row in predictions]
 
 
 def _save_picture(figure: Figure, path: Path) -> None:

@@ -110,6 +110,12 @@ class EngineSettings:
             raise InputError(
                 f"engine settings: dimensions: expected 2 or 3, found {self.dimensions}"
             )
+        for name in ("contact_radius", "marble_radius"):
+            if self.dimensions == 2 and getattr(self, name) > 0.5:
+                raise InputError(
+                    f"engine settings: {name}: expected at most 0.5 in a slab that is one spacing "
+                    f"thick, found {getattr(self, name)}"
+                )
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if isinstance(value, np.generic):  # would be counted with in its own precision

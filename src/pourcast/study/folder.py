@@ -104,6 +104,7 @@ class _Generated(Frozen):
     seed: int
     candidates: int | None = None
     practice: int = 0
+    quick: bool = False
 
 
 class StudyFile(Frozen):
@@ -241,7 +242,23 @@ def _study_toml(request: SceneRequest) -> str:
         lines.append(f"candidates = {candidates}")
     if request.practice:
         lines.append(f"practice = {request.practice}")
+    if request.quick and request.choice != replace(request, quick=False).choice:
+        lines.append("quick = true")
     return "\n".join(lines) + "\n"
+
+
+def how_chosen(folder: Path) -> tuple[tuple[str, str], ...]:
+    """Stages by which a study's scenes were chosen; none for scenes of one's own.
+
+    Raises
+    ------
+    InputError
+        If `study.toml` is wrong, or names an experiment that is not there.
+    """
+    said = read_study_file(folder)
+    if said.experiment is None or said.generated is None:
+        return ()
+    return SceneRequest(said.experiment, **said.generated.model_dump()).choice.stages
 
 
 def read_study_file(folder: Path) -> StudyFile:

@@ -7,8 +7,8 @@ says of it: `FilteredScenes`, or `ContrastingScenes` on which two models disagre
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
 from typing import Protocol
@@ -83,6 +83,15 @@ class CoarseFilter:
             for stranded, touched in ends
         ]
 
+    @property
+    def words(self) -> str:
+        """What it asks, in a line."""
+        return (
+            f"by a pour of {self.liquid}, {self.n_particles} particles, damping "
+            f"{self.damping_zeta:g}/s: at most {self.max_stranded:.0%} of it ends on an obstacle, "
+            f"at least {self.min_touched:.0%} meets one"
+        )
+
     def pour(self, scene: Scene, liquid: Liquid) -> Pour:
         """The coarse run of a scene."""
         return Pour(scene, liquid, self.n_particles, self.damping_zeta)
@@ -102,12 +111,10 @@ class Selection:
     """Scenes that were drawn in all."""
     kept: int
     """How many of these passed the filter."""
-    correlated: tuple[str, ...] = ()
-    """Models whose disagreement chose the scenes."""
-    correlation: float | None = None
-    """Correlation of their judgments over the chosen scenes."""
-    pool_correlation: float | None = None
-    """The same over all candidates, by the cheap screen."""
+    left: tuple[int, ...] = ()
+    """How many were left by each of the choice's `stages`."""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    """What the chosen scenes have, by what it is: correlations of what they were chosen by, ..."""
 
 
 def drawn_scene(family: SceneFamily, seed: int, index: int) -> Scene | None:
@@ -162,10 +169,12 @@ def filtered_scenes(
         report(f"{kept} of {drawn} draws kept", min(len(chosen), count), count)
         if drawn >= _PATIENCE and kept < _MIN_ACCEPTANCE * drawn:
             raise InputError(f"only {kept} of {drawn} drawn {family.name} scenes pass the filter")
-    return Selection(_numbered(chosen[:count], family.name), drawn, kept)
+    scenes = numbered(chosen[:count], family.name)
+    return Selection(scenes, drawn, kept, left=(drawn, kept, count))
 
 
-def _numbered(scenes: Sequence[Scene], name: str) -> list[Scene]:
+def numbered(scenes: Sequence[Scene], name: str) -> list[Scene]:
+    """Scenes whose ids are a name and their number from 1."""
     digits = max(3, len(str(len(scenes))))
     return [
         scene.model_copy(update={"id": f"{name}-{number:0{digits}d}"})
@@ -180,6 +189,15 @@ class SceneChoice(ABC):
     @abstractmethod
     def rule(self) -> CoarseFilter:
         """Which draws are considered at all; networks learn from those, too."""
+
+    @property
+    def stages(self) -> tuple[tuple[str, str], ...]:
+        """How scenes are chosen: what each stage does with them, and by which rule."""
+        return (
+            ("drawn", "at random"),
+            ("filtered", self.rule.words),
+            ("chosen", "the first of these"),
+        )
 
     @abstractmethod
     def choose(
@@ -259,10 +277,24 @@ class ContrastingScenes(SceneChoice):
         """A pool of 200."""
         return replace(self, candidates=min(self.candidates, 200))
 
+    @property
+    def stages(self) -> tuple[tuple[str, str], ...]:
+        """See `SceneChoice.stages`."""
+        models = " and ".join(self.models)
+        return (
+            *super().stages[:2],
+            (
+                "judged",
+                f"by {models}: {self.confirm_factor:g} for each scene wanted, of the largest "
+                f"contrast in pours of {self.rule.n_particles} particles with damping",
+            ),
+            ("chosen", f"by the largest contrast of {models}, half of them in either direction"),
+        )
+
     def choose(
         self, family: SceneFamily, count: int, seed: int, report: Report = no_report
     ) -> Selection:
-        """See `SceneChoice.choose`; tells the correlation that was reached, too."""
+        """See `SceneChoice.choose`."""
         if self.candidates < count:
             raise InputError(f"candidates: expected at least {count} (the scenes wanted)")
         pool = filtered_scenes(family, self.candidates, seed, rule=self.rule, report=report)
@@ -273,13 +305,16 @@ class ContrastingScenes(SceneChoice):
         confirmed = np.array(_confirm(scenes, self.models, self.rule, report))
         chosen = choose_contrast(confirmed[0], confirmed[1], count)
         order = np.random.default_rng(seed).permutation(chosen)
+        models = " and ".join(self.models)
         return Selection(
-            _numbered([scenes[k] for k in order], family.name),
+            numbered([scenes[k] for k in order], family.name),
             pool.drawn,
             pool.kept,
-            correlated=self.models,
-            correlation=float(np.corrcoef(*confirmed[:, chosen])[0, 1]),
-            pool_correlation=float(np.corrcoef(*screened)[0, 1]),
+            left=(pool.drawn, pool.kept, len(scenes), count),
+            figures={
+                f"correlation of {models}": _correlation(*confirmed[:, chosen]),
+                f"correlation of {models}, all candidates": _correlation(*screened),
+            },
         )
 
 

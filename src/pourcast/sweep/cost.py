@@ -32,7 +32,12 @@ def simulated_seconds(liquid: Liquid, n_particles: int, damping_zeta: float) -> 
 
 
 def pour_seconds(
-    kind: Kind, liquid: Liquid, n_particles: int, damping_zeta: float, spacing: float
+    kind: Kind,
+    liquid: Liquid,
+    n_particles: int,
+    damping_zeta: float,
+    spacing: float,
+    engine: EngineSettings | None = None,
 ) -> float:
     """Time of a pour on one core [s], roughly.
 
@@ -44,10 +49,12 @@ def pour_seconds(
         As for `Pour`.
     spacing
         Particle spacing [m], on which the time step depends.
+    engine
+        How it is computed; by default with the settings as they come.
     """
     table = _LIQUID_STEP_MS if kind == "liquid" else _MARBLE_STEP_MS
     counts, times = np.log([*table]), np.log([*table.values()])
     step_seconds = 1e-3 * float(np.exp(np.interp(np.log(n_particles), counts, times)))
-    stepping = EngineSettings().stepping(kind, spacing, liquid.viscosity_alpha)
+    stepping = (engine or EngineSettings()).stepping(kind, spacing, liquid.viscosity_alpha)
     steps = simulated_seconds(liquid, n_particles, damping_zeta) / stepping.step
     return steps * step_seconds

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.models.base import averages_pours
+from pourcast.errors import InputError
+from pourcast.models.base import SimulationModel, averages_pours
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
@@ -259,7 +260,7 @@ def trajectory_bytes(setting: PourSetting) -> float:
     return 12.0 * setting.n_particles * duration * EngineSettings().frame_rate
 
 
-def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
+def make_plan(grid: Grid, scenes: Sequence[Scene], engine: EngineSettings | None = None) -> Plan:
     """Find out what a grid over scenes needs.
 
     Parameters
@@ -268,7 +269,15 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
         The grid.
     scenes
         The study's scenes.
+    engine
+        How pours are computed; by default with the settings as they come.
+
+    Raises
+    ------
+    InputError
+        If `engine` is given, and a model runs pours that nobody else can set.
     """
+    engine = engine or EngineSettings()
     different = {scene.digest: scene for scene in scenes}
     ordered = sorted(different.values(), key=lambda scene: scene.goal.kind)
     kinds = [scene.goal.kind for scene in ordered]
@@ -279,7 +288,7 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
     wanted: list[tuple[GridPoint, str, list[Setting], tuple[int, int]]] = []
     for point in grid.points():
         for part in parts:
-            needed, liquid = _needed(point, ordered[part[0]], grid.own)
+            needed, liquid = _needed(point, ordered[part[0]], grid.own, engine)
             for setting in needed:
                 parts_of.setdefault(setting, set()).add(part)
             wanted.append((point, liquid, needed, part))
@@ -297,9 +306,15 @@ def make_plan(grid: Grid, scenes: Sequence[Scene]) -> Plan:
     return Plan(grid, tuple(scenes), tuple(ordered), settings, tuple(rows), tuple(answers))
 
 
-def _needed(point: GridPoint, scene: Scene, own: Sequence[Liquid]) -> tuple[list[Setting], str]:
+def _needed(
+    point: GridPoint, scene: Scene, own: Sequence[Liquid], engine: EngineSettings
+) -> tuple[list[Setting], str]:
     """Settings of a model for scenes like this one, and the trial's liquid."""
     liquid, model = resolve_liquid(point.liquid, scene, own), point.model
     if averages_pours(model) and model.same_pours_everywhere:
-        return [PourSetting.of(pour) for pour in model.pours(scene, liquid)], liquid.name
-    return [JudgeSetting(point.family, model, liquid, point.seed)], liquid.name
+        pours = model.pours(scene, liquid)
+        return [PourSetting.of(pour, engine) for pour in pours], liquid.name
+    runs_pours_itself = isinstance(model, SimulationModel) and not averages_pours(model)
+    if runs_pours_itself and engine != EngineSettings():
+        raise InputError(f"model {point.name!r} runs its pours itself: no engine can be set for it")
+    return [JudgeSetting(point.family, model, liquid, point.seed, engine)], liquid.name

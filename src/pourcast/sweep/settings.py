@@ -8,7 +8,7 @@ draws of noisy starts, models of other packages.
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import cache, cached_property
 from typing import Any
 
@@ -17,9 +17,9 @@ from pourcast.scenes.goals.base import Goal
 from pourcast.scenes.liquids.base import RESERVED, Liquid
 from pourcast.scenes.liquids.registry import known_liquids
 from pourcast.scenes.scene import Scene
-from pourcast.simulation.pour import Pour, spacing_in
+from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import engine_version
-from pourcast.simulation.settings import Kind
+from pourcast.simulation.settings import EngineSettings, Kind
 from pourcast.simulation.versions import code_version, defining_modules
 from pourcast.sweep.cost import pour_seconds, simulated_seconds
 
@@ -36,6 +36,7 @@ class PourSetting:
     n_particles: int
     damping_zeta: float
     offset: tuple[float, float] = (0.0, 0.0)
+    engine: EngineSettings = field(default_factory=EngineSettings)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, PourSetting) and self.identity == other.identity
@@ -44,10 +45,11 @@ class PourSetting:
         return hash(self.identity)
 
     @classmethod
-    def of(cls, pour: Pour) -> "PourSetting":
-        """The setting of a pour."""
+    def of(cls, pour: Pour, engine: EngineSettings | None = None) -> "PourSetting":
+        """The setting of a pour, computed with engine settings (by default as they come)."""
         liquid, zeta = pour.liquid, float(pour.damping_zeta)
-        return cls(pour.kind, liquid, pour.n_particles, zeta, pour.offset)
+        engine = engine or EngineSettings()
+        return cls(pour.kind, liquid, pour.n_particles, zeta, pour.offset, engine)
 
     def pours_in(self, scene: Scene) -> list[Pour]:
         """The one pour in a scene."""
@@ -58,7 +60,8 @@ class PourSetting:
     def identity(self) -> str:
         """All that determines the outcome in a scene, as JSON; but for the code."""
         content = asdict(self) | {"liquid": self.liquid.engine_identity}
-        return json.dumps(content, sort_keys=True)
+        del content["engine"]
+        return json.dumps(content | _named_engine(self.engine), sort_keys=True)
 
     @property
     def version(self) -> str:
@@ -83,8 +86,10 @@ class PourSetting:
 
     def seconds(self, scene: Scene) -> float:
         """Rough time in a scene on one core [s]."""
-        spacing = spacing_in(scene, self.n_particles)
-        return pour_seconds(self.kind, self.liquid, self.n_particles, self.damping_zeta, spacing)
+        spacing = self.engine.spacing_in(scene, self.n_particles)
+        return pour_seconds(
+            self.kind, self.liquid, self.n_particles, self.damping_zeta, spacing, self.engine
+        )
 
 
 @dataclass(frozen=True)
@@ -96,6 +101,8 @@ class JudgeSetting:
     model: Model
     liquid: Liquid
     seed: int
+    engine: EngineSettings = field(default_factory=EngineSettings)
+    """What its pours are computed with; of no account for a model without any."""
 
     @cached_property
     def identity(self) -> str:
@@ -110,6 +117,8 @@ class JudgeSetting:
             content["liquids"] = named
         if fingerprint := self.model.fingerprint:
             content["fingerprint"] = fingerprint
+        if averages_pours(self.model):
+            content |= _named_engine(self.engine)
         return json.dumps(content, sort_keys=True)
 
     @property
@@ -142,7 +151,7 @@ class JudgeSetting:
         pours = self.pours_in(scene)
         if not pours:
             return self.model.seconds_per_judgment
-        return sum(PourSetting.of(pour).seconds(scene) for pour in pours)
+        return sum(PourSetting.of(pour, self.engine).seconds(scene) for pour in pours)
 
 
 Setting = PourSetting | JudgeSetting
@@ -176,6 +185,13 @@ def goal_version(goal: type[Goal]) -> str:
         The goal, ours or another package's.
     """
     return code_version((*defining_modules(goal, Goal), Goal.__module__), words=False)
+
+
+def _named_engine(engine: EngineSettings) -> dict[str, Any]:
+    """What of the engine settings is not as they come: all of them that an identity names."""
+    standard = asdict(EngineSettings())
+    changed = {name: v for name, v in asdict(engine).items() if v != standard[name]}
+    return {"engine": changed} if changed else {}
 
 
 _NOT_SEEN = ("called", "goals", "film_seconds")

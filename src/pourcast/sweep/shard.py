@@ -161,12 +161,22 @@ def compute(
 
     def progress(done: int, _total: int) -> None:
         nonlocal seen
-        on_done(done - seen)
+        on_done(max(done - seen, 0))  # It begins with 0, for each of the engine settings.
         seen = done
 
-    pours = [row.pour for row in rows if row.pour is not None]
-    ends = iter(simulate(pours, record=task.trajectories, threads=threads, progress=progress))
-    outcomes = [None if row.pour is None else next(ends) for row in rows]
+    outcomes: list[Outcome | None] = [None] * len(rows)
+    for engine in dict.fromkeys(setting.engine for setting in task.settings):
+        members = [
+            k
+            for k, row in enumerate(rows)
+            if row.pour is not None and task.settings[row.setting].engine == engine
+        ]
+        pours = [pour for k in members if (pour := rows[k].pour) is not None]
+        ends = simulate(
+            pours, settings=engine, record=task.trajectories, threads=threads, progress=progress
+        )
+        for k, end in zip(members, ends, strict=True):
+            outcomes[k] = end
     judgments = _judgments(task, rows, on_done)
     return _table(task, rows, outcomes, judgments), outcomes
 

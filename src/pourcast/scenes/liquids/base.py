@@ -22,6 +22,7 @@ _RANGES = {
     "adhesion_tangential": (0.0, 1e6),
     "kinematic_viscosity": (1e-9, 10.0),
     "slip": (0.0, 1.0),
+    "slip_length": (0.0, 1.0),
     "wall_pull": (0.0, 100.0),
     "film_seconds": (0.1, 120.0),
 }
@@ -50,7 +51,11 @@ class Liquid:
     kinematic_viscosity
         Stimuli's solver [m^2/s], 1e-9..10; water has 1e-6.
     slip
-        Stimuli's solver: 1 lets the liquid slip along walls (the paper's), 0 holds it.
+        Stimuli's solver: 1 lets the liquid slip along walls, 0 holds it: thick liquid without
+        slip (but see `slip_length`), thin liquid by the drag of its boundary layer.
+    slip_length
+        Stimuli's solver, where walls hold the liquid: how far behind them its speed would vanish
+        (Navier 1823) [m of the film's real size], 0..1; 0 is no slip at all.
     wall_pull
         Stimuli's solver: acceleration at a wall towards it [m/s^2], 0..100 (the paper's: none).
     colour
@@ -87,6 +92,7 @@ class Liquid:
     tension: float = 0.0
     kinematic_viscosity: float = 1e-6
     slip: float = 1.0
+    slip_length: float = 0.0
     wall_pull: float = 0.0
     colour: str = "#2978cc"
     glass_colour: str = ""

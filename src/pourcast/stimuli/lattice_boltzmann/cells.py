@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, generate_binary_structure
 
-from pourcast.stimuli.lattice_boltzmann.lattice import GAS, N_DIRECTIONS, SOLID, STANDARD, VELOCITY
+from pourcast.stimuli.lattice_boltzmann.lattice import (
+    GAS,
+    N_DIRECTIONS,
+    SOLID,
+    STANDARD,
+    VELOCITY,
+    WEIGHT,
+)
 
 _ALONG_AXIS = 0.999
 _NEIGHBOURS = generate_binary_structure(3, 2)
@@ -37,6 +44,10 @@ class Cells(NamedTuple):
     """Of solid cells that let liquid slip: 1, 2, 3 if the surface is across an axis, else 0."""
     slip: Any
     """Of solid cells: 1 lets liquid slip, 0 holds it, shape [n]."""
+    rough: Any
+    """Of solid cells: whether they drag at liquid that slips along them, shape [n]."""
+    face: Any
+    """Area of the rough walls beside a cell, across them [cells^2], shape [3, n]."""
     leaked: Any
     """What slanted walls gave to a full cell in this step, shape [n]."""
     fallen: Any
@@ -76,6 +87,8 @@ class Flow(NamedTuple):
     """Acceleration of cells at a wall towards it."""
     viscosity: float
     relaxation_time: float
+    odd_kept: float
+    """Share of odd moments of the third order that a step keeps; negative: they overshoot."""
     smagorinsky: float
     """18 sqrt(2) C^2, with Smagorinsky's constant C."""
 
@@ -96,6 +109,7 @@ def new_cells(
     normal: NDArray[np.float32],
     slip: NDArray[np.float32],
     fallen: NDArray[np.float32],
+    rough: NDArray[np.bool_],
 ) -> Cells:
     """Empty cells.
 
@@ -109,6 +123,8 @@ def new_cells(
         Of solid cells, shape [nx, ny, nz].
     fallen
         How far each cell lies below the highest liquid at the start, shape [nx, ny, nz].
+    rough
+        Which solid cells drag at liquid that slips along them, shape [nx, ny, nz].
     """
     n = solid.size
     _, ny, nz = solid.shape
@@ -128,9 +144,21 @@ def new_cells(
         normal=np.ascontiguousarray(normal.reshape(3, n), dtype=np.float32),
         axis=axis.astype(np.uint8),
         slip=np.ascontiguousarray(slip.ravel(), dtype=np.float32),
+        rough=rough.ravel(),
+        face=_faces(rough),
         leaked=np.zeros(n),
         fallen=np.ascontiguousarray(fallen.ravel(), dtype=np.float32),
         marks=np.zeros(n, dtype=np.uint8),
         slots=np.zeros(n, dtype=np.int32),
         offsets=VELOCITY @ strides,
     )
+
+
+def _faces(rough: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Area of the rough walls beside each cell, towards it: a flat wall has 1."""
+    face = np.zeros((3, *rough.shape), dtype=np.float32)
+    if rough.any():
+        for velocity, weight in zip(VELOCITY[1:], WEIGHT[1:], strict=True):
+            links = np.roll(rough, tuple(velocity), axis=(0, 1, 2)) & ~rough
+            face += 6.0 * weight * velocity[:, None, None, None] * links
+    return face.reshape(3, rough.size)

@@ -2,8 +2,8 @@
 
 A droplet is a point with a mass. It loses the part of its velocity across a wall that it meets, as
 the liquid would. Where walls hold the liquid, it is a film of its own mass spread over a cell, and
-creeps as Nusselt's film does (drag rate 3 nu / h^2). Droplets in one cell are one; once they fill
-it, it is fluid.
+creeps as Nusselt's film does (drag rate 3 nu / (h (h + 3 L)), with the slip length L). Droplets in
+one cell are one; once they fill it, it is fluid.
 """
 
 from typing import Any
@@ -78,7 +78,9 @@ def _move(k: int, cells: Any, drops: Any, flow: Any) -> None:
     nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
     across = vx * nx + vy * ny + vz * nz
     thickness = min(max(drops[6, k], 1e-3), 1.0)
-    drag = 1.0 + (1.0 - cells.slip[wall]) * 3.0 * flow.viscosity / (thickness * thickness)
+    held = 1.0 if cells.rough[wall] else 1.0 - cells.slip[wall]
+    drag = 3.0 * flow.viscosity * held / (thickness * (held * thickness + 1.5 * (1.0 - held)))
+    drag += 1.0
     vx, vy, vz = (vx - across * nx) / drag, (vy - across * ny) / drag, (vz - across * nz) / drag
     for aside in _STEPS_ASIDE:
         px, py, pz = x + vx + aside * nx, y + vy + aside * ny, z + vz + aside * nz

@@ -13,7 +13,7 @@ bodies do until they meet liquid again.
 from typing import Any
 
 from pourcast.engine.compile import kernel
-from pourcast.stimuli.lattice_boltzmann.collide import equilibrium
+from pourcast.stimuli.lattice_boltzmann.collide import equilibrium, leaves
 from pourcast.stimuli.lattice_boltzmann.lattice import (
     FLUID,
     GAS,
@@ -29,6 +29,8 @@ _OVERFULL = 1e-3
 """A cell is filled, or emptied, when it is so far beyond (Koerner et al. 2005)."""
 _LEFT_BEHIND = 0.1
 """Without full or empty neighbours, when it is so close to it (Thuerey 2007)."""
+_DRAINED = 0.05
+"""Such a debt of a cell keeps its neighbours from being filled before it is emptied."""
 _EMPTIED, _NEW = 1, 2
 
 
@@ -61,6 +63,10 @@ def _find_changed(cells: Any, parts: Any) -> tuple[int, int]:
     n_filled, n_emptied = 0, 0
     for k in range(parts.counts[0]):
         cell = parts.active[k]
+        if cells.flags[cell] == FLUID and cells.density[cell] < 1.0 and ventilates(cell, cells):
+            cells.flags[cell] = INTERFACE
+            cells.mass[cell] = cells.density[cell] - cells.leaked[cell]
+            cells.kinds[cell] = STANDARD
         if cells.flags[cell] != INTERFACE:
             continue
         mass, density, kind = cells.mass[cell], cells.density[cell], cells.kinds[cell]
@@ -73,7 +79,35 @@ def _find_changed(cells: Any, parts: Any) -> tuple[int, int]:
             parts.changed[1, n_emptied] = cell
             cells.marks[cell] = _EMPTIED
             n_emptied += 1
-    return n_filled, n_emptied
+    kept = 0
+    for k in range(n_filled):
+        if not _beside_drained(parts.changed[0, k], cells):
+            parts.changed[0, kept] = parts.changed[0, k]
+            kept += 1
+    return kept, n_emptied
+
+
+@kernel
+def _beside_drained(cell: int, cells: Any) -> Any:
+    """Whether a neighbour has given much more than it held: it must be emptied first."""
+    for i in range(1, N_DIRECTIONS):
+        other = cell + cells.offsets[i]
+        if cells.marks[other] == _EMPTIED and cells.mass[other] < -_DRAINED:
+            return True
+    return False
+
+
+@kernel
+def ventilates(cell: int, cells: Any) -> Any:
+    """Whether a cell's liquid moves away from a wall that has no hold on it: gas gets between.
+
+    A full cell does so as soon as the wall would have to pull, its pressure below the gas's.
+    """
+    if cells.walled[cell]:
+        for i in range(1, N_DIRECTIONS):
+            if cells.axis[cell - cells.offsets[i]] == 0 and leaves(i, cell, cells):
+                return True
+    return False
 
 
 @kernel
@@ -235,7 +269,7 @@ def _kind(cell: int, cells: Any) -> int:
         gas = gas or flag == GAS
     if not fluid:
         return NO_FLUID
-    return STANDARD if gas else NO_GAS
+    return STANDARD if gas or ventilates(cell, cells) else NO_GAS
 
 
 @kernel

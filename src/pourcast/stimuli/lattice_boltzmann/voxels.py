@@ -34,6 +34,9 @@ class Voxels:
     normal
         Directions across the surface of solid cells and of the margin, shape
         [3, nx + 2, ny + 2, nz + 2].
+    plane
+        Where the margin is a plane of symmetry and no wall: front and back, shape
+        [nx + 2, ny + 2, nz + 2].
     fill
         Share of each cell that liquid fills at the start, shape [nx, ny, nz].
     goal
@@ -44,6 +47,7 @@ class Voxels:
     origin: tuple[float, float, float]
     solid: NDArray[np.bool_]
     normal: NDArray[np.float32]
+    plane: NDArray[np.bool_]
     fill: NDArray[np.float64]
     goal: NDArray[np.float64]
 
@@ -82,6 +86,7 @@ def voxelise(scene: Scene, resolution: int) -> Voxels:
         origin=origin,
         solid=_through(solid, depth),
         normal=_normals(scene, solid, x, y, depth),
+        plane=_planes(solid, depth),
         fill=_through(np.where(solid, 0.0, fill), depth),
         goal=_share(holds, x, y, cell),
     )
@@ -105,14 +110,24 @@ def _share(inside: Callable[..., Any], x: Array, y: Array, cell: float) -> Array
     return share
 
 
+def _planes(solid: NDArray[np.bool_], depth: int) -> NDArray[np.bool_]:
+    """Front and back, where no solid goes on behind them."""
+    plane = np.zeros((*(side + 2 for side in solid.shape), depth + 2), dtype=bool)
+    plane[1:-1, 1:-1, [0, -1]] = ~solid[:, :, None]
+    return plane
+
+
 def _normals(
     scene: Scene, solid: NDArray[np.bool_], x: Array, y: Array, depth: int
 ) -> NDArray[np.float32]:
     """Across the surface of each solid cell: that of the nearest edge.
 
-    Solids that touch are one: the edge between two of them is no surface.
+    Solids that touch are one: the edge between two of them is no surface. Walls and solids go on
+    in front and behind, as in a mirror.
     """
-    normal = wall_normals((*solid.shape, depth))
+    normal = wall_normals((*solid.shape, depth), periodic=(False, False, True))
+    for end in (0, -1):
+        normal[2, 1:-1, 1:-1, end] = 1.0
     edges = _edges(scene)
     i, j = np.nonzero(solid)
     if len(i) == 0:
@@ -126,8 +141,8 @@ def _normals(
     distances = np.linalg.norm(gaps - place[..., None] * along, axis=2)
     tangent = _mean_direction(along / np.sqrt(squares)[:, None], distances)
     across = np.stack([tangent[:, 1], -tangent[:, 0]])
-    normal[:2, i + 1, j + 1, 1:-1] = across[..., None]
-    normal[2, i + 1, j + 1, 1:-1] = 0.0
+    normal[:2, i + 1, j + 1] = across[..., None]
+    normal[2, i + 1, j + 1] = 0.0
     return normal
 
 

@@ -10,7 +10,13 @@ from pourcast.pictures.video import FRAME_RATE
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
-from pourcast.stimuli.lattice_boltzmann.solver import LatticeFlow, LatticeSettings
+from pourcast.stimuli.lattice_boltzmann.solver import (
+    GRAVITY,
+    SUBLAYER,
+    LatticeFlow,
+    LatticeSettings,
+    slip_of,
+)
 from pourcast.stimuli.lattice_boltzmann.voxels import Voxels, voxelise
 from pourcast.stimuli.recording import FULL, Moment, RecordedPour
 from pourcast.stimuli.solvers.base import Solver
@@ -63,6 +69,7 @@ class LatticeBoltzmann(Solver):
         return {
             "kinematic_viscosity": liquid.kinematic_viscosity,
             "slip": liquid.slip,
+            "slip_length": liquid.slip_length,
             "wall_pull": liquid.wall_pull,
         }
 
@@ -70,10 +77,11 @@ class LatticeBoltzmann(Solver):
 def pour_to_end(
     scene: Scene, liquid: Liquid, solver: LatticeBoltzmann, seconds: float
 ) -> tuple[float, float]:
-    """Pour without pictures; see `shares` for what is returned."""
+    """Pour without pictures, in the steps of a film; see `shares` for what is returned."""
     voxels = voxelise(scene, solver.resolution)
     flow = start_flow(scene, liquid, solver, voxels)
-    flow.advance(seconds)
+    for k in range(1, round(seconds * FRAME_RATE) + 1):
+        flow.advance(k / FRAME_RATE)
     return shares(flow, voxels, scene)
 
 
@@ -82,13 +90,22 @@ def start_flow(
 ) -> LatticeFlow:
     """The liquid at its start, in its real size."""
     scale = solver.real_size / max(scene.box.width, scene.box.height, scene.box.depth)
+    cell = voxels.cell * scale
+    slip = max(liquid.slip, slip_of(liquid.slip_length, cell))
+    # A boundary layer that is thinner than half a cell is not resolved, but drags.
+    fastest = (2.0 * GRAVITY * solver.real_size) ** 0.5
+    unresolved = 0.5 * cell * fastest / liquid.kinematic_viscosity > SUBLAYER**2
+    rough = ~voxels.plane if slip < 1.0 and unresolved else None
+    if rough is not None:
+        slip = 1.0
     return LatticeFlow(
         fill=voxels.fill,
         solid=voxels.solid,
-        cell=voxels.cell * scale,
+        cell=cell,
         viscosity=liquid.kinematic_viscosity,
         normal=voxels.normal,
-        slip=liquid.slip,
+        slip=np.where(voxels.plane, 1.0, slip).astype(np.float32),
+        rough=rough,
         adhesion=liquid.wall_pull,
         settings=LatticeSettings(threads=threads),
         name=f"scene {scene.id!r}, {liquid}",

@@ -1,14 +1,14 @@
 """Experiment 2: a cup below three shapes; all see water and mirrored honey (Bates et al.)."""
 
 from pourcast.scenes.families.shapes import ShapesFamily
+from pourcast.study.contrast import SteadyContrast
 from pourcast.study.experiments.base import Experiment
-from pourcast.study.selection import ContrastingScenes
 
 EXPERIMENT = Experiment(
     name="exp2",
     title="a cup below three shapes; scenes on which water and honey disagree, honey mirrored",
-    family=ShapesFamily(),
-    choice=ContrastingScenes(),
+    family=ShapesFamily(min_radius=0.12, max_radius=0.22, band_bottom=0.6, band_top=1.15),
+    choice=SteadyContrast(),
     goal="cup",
     scene_count=60,
     practice_count=15,

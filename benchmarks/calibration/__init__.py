@@ -1,0 +1,1 @@
+"""History matching of what the paper leaves open; `python -m benchmarks.calibrate` drives it."""

@@ -1,0 +1,107 @@
+"""A point on fresh scenes, beside the paper."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.calibration.measure import Errand, Measured, measure_all
+from benchmarks.calibration.space import Point, point_text
+from benchmarks.calibration.targets import RIVALS, TRUTHS, VARIANCES, people_bounds
+from benchmarks.calibration.waves import scene_seed
+from pourcast.progress import Report, no_report
+from pourcast.study.experiments.exp1 import PUBLISHED
+
+
+def measure_checks(
+    points: Mapping[str, Point], scenes: int, seeds: int, seed: int, folder: Path,
+    workers: int, report: Report = no_report,
+) -> dict[str, list[Measured]]:  # fmt: skip
+    """Measure points on fresh sets of scenes, which no wave has seen.
+
+    Parameters
+    ----------
+    points
+        Name -> point.
+    scenes, seeds
+        Scenes in a set, and number of sets.
+    seed
+        Source of their seeds.
+    folder
+        Where results are kept.
+    workers, report
+        See `measure_all`.
+    """
+    errands = [
+        Errand(dict(point), scenes, scene_seed(seed, 0, k), folder / _name(point, scenes) / f"{k}")
+        for point in points.values()
+        for k in range(1, seeds + 1)
+    ]
+    found = iter(measure_all(errands, workers, report))
+    return {name: [next(found) for _ in range(seeds)] for name in points}
+
+
+def _name(point: Point, scenes: int) -> str:
+    digest = hashlib.sha256(point_text(point).encode()).hexdigest()[:12]
+    return f"{digest}-{scenes}"
+
+
+def check_table(found: Mapping[str, Sequence[Measured]]) -> str:
+    """Tables in Markdown: ten correlations and three variances, a column for each set of scenes."""
+    parts = []
+    for name, sets in found.items():
+        failed = [one.failure for one in sets if one.failure]
+        parts.append(f"**{name}**: {failed[0]}" if failed else _table(name, sets))
+    return "\n\n".join(parts)
+
+
+def _table(name: str, sets: Sequence[Measured]) -> str:
+    seeds = [f"set {k}" for k in range(1, len(sets) + 1)]
+    lines = [
+        f"**{name}**, {sets[0].scenes} scenes in each set",
+        "",
+        f"| | paper | {' | '.join(seeds)} | mean | gap |",
+        "|" + " --- |" * (len(sets) + 4),
+    ]
+    gaps = []
+    for truth in TRUTHS:
+        for rival in RIVALS:
+            paper = PUBLISHED.with_truth[truth][rival]
+            r = np.array([one.correlation(rival, truth) for one in sets])
+            gaps.append(r - paper)
+            lines.append(_row(f"r({rival}, {truth})", f"{paper:.2f}", r, 2, r.mean() - paper))
+    for ife, paper in VARIANCES.items():
+        v = np.array([one.scene_variances(ife).mean() for one in sets])
+        lines.append(_row(f"variance, {ife}", f"{paper:.3f}", v, 4, v.mean() / paper, "x"))
+    for ife in VARIANCES:
+        medians = [float(np.median(one.scene_variances(ife))) for one in sets]
+        lines.append(_row(f"its median, {ife}", "", np.array(medians), 4))
+        lines.append(
+            _row(f"share that flips, {ife}", "", np.array([s.flips(ife) for s in sets]), 2)
+        )
+    low, high = people_bounds("water-ife", "truth-water")
+    r = np.array([one.correlation("water-ife", "truth-water") for one in sets])
+    lines.append(_row("r(water-ife, truth-water)", f"{low:.2f} to {high:.2f}", r, 2))
+    r = np.array([one.correlation("truth-water", "truth-honey") for one in sets])
+    lines.append(_row("r(truth-water, truth-honey)", "", r, 2))
+    for truth in TRUTHS:
+        stays = np.array([one.stranded[truth] for one in sets])
+        lines.append(_row(f"stranded, {truth}", "", stays, 2))
+    lines.append(_row("obstacles", "", np.array([one.obstacles for one in sets]), 1))
+    lines.append(_row("kept of those drawn", "", np.array([s.kept / s.drawn for s in sets]), 2))
+    table = np.array(gaps)
+    worst = " | ".join(f"{value:.2f}" for value in np.abs(table).max(axis=0))
+    rms = " | ".join(f"{value:.2f}" for value in np.sqrt((table**2).mean(axis=0)))
+    mean = table.mean(axis=1)
+    lines.append(f"| largest gap of the ten | .10 | {worst} | {np.abs(mean).max():.2f} | |")
+    lines.append(f"| their RMS gap | | {rms} | {np.sqrt((mean**2).mean()):.2f} | |")
+    return "\n".join(lines)
+
+
+def _row(
+    what: str, paper: str, values: np.ndarray, digits: int, gap: float | None = None, unit: str = ""
+) -> str:
+    cells = " | ".join(f"{value:.{digits}f}" for value in (*values, values.mean()))
+    last = "" if gap is None else f"{gap:.1f} {unit}" if unit else f"{gap:+.2f}"
+    return f"| {what} | {paper} | {cells} | {last} |"

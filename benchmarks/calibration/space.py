@@ -1,0 +1,329 @@
+"""The open choices: what each is, how far it may go, and why so far.
+
+A point is one value of each choice. `World` is what a point means: engine settings, the liquids,
+the scene family and the filter; what a point doesn't name stays as the product has it. Values
+that the paper gives (N, alpha, zeta, sigma, area of the obstacles) are no choices.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from pourcast.errors import InputError, unknown
+from pourcast.scenes.families.voronoi import VoronoiFamily
+from pourcast.scenes.liquids.base import Liquid
+from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
+from pourcast.scenes.scene import Scene
+from pourcast.simulation.run import simulate
+from pourcast.simulation.settings import EngineSettings
+from pourcast.study.experiments.exp1 import EXPERIMENT
+from pourcast.study.selection import CoarseFilter
+
+Section = Literal["engine", "water", "honey", "family", "filter"]
+Scale = Literal["linear", "log", "square", "cubic", "levels"]
+Value = float | int | str
+Point = Mapping[str, Value]
+"""Choice -> value."""
+Array = NDArray[np.float64]
+
+_POWERS = {"linear": 1, "square": 2, "cubic": 3}
+
+SECTIONS: tuple[Section, ...] = ("engine", "water", "honey", "family", "filter")
+
+WATER_NAME, HONEY_NAME = "open-water", "open-honey"
+"""A study's own liquids may not be called as those that come with pourcast."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One open choice.
+
+    Parameters
+    ----------
+    section
+        Where it goes.
+    fields
+        Fields of that section that take its value.
+    low, high
+        Range, in the fields' unit.
+    scale
+        How the unit interval is laid over it: ``square`` and ``cubic`` are finest at the low end,
+        and reach 0, which ``log`` can't; ``levels`` are a few words or numbers.
+    why
+        Why this range.
+    levels
+        The values of a choice by ``levels``.
+    whole
+        Whether only whole numbers are meant.
+    """
+
+    section: Section
+    fields: tuple[str, ...]
+    low: float
+    high: float
+    scale: Scale
+    why: str
+    levels: tuple[Value, ...] = ()
+    whole: bool = False
+
+    @property
+    def name(self) -> str:
+        """Section and field: ``family.cell_count``."""
+        return f"{self.section}.{self.fields[0]}"
+
+    def value(self, unit: float) -> Value:
+        """The value at a place of the unit interval."""
+        if self.scale == "levels":
+            return self.levels[min(int(unit * len(self.levels)), len(self.levels) - 1)]
+        if self.scale == "log":
+            value = self.low * (self.high / self.low) ** unit
+        else:
+            value = self.low + (self.high - self.low) * unit ** _POWERS[self.scale]
+        return round(value) if self.whole else float(value)
+
+    def unit(self, value: Value) -> float:
+        """Where in the unit interval a value lies; beyond 0..1 if it is beyond the range."""
+        if self.scale == "levels":
+            return (self.levels.index(value) + 0.5) / len(self.levels)
+        number = float(value)
+        if self.scale == "log":
+            return float(np.log(number / self.low) / np.log(self.high / self.low))
+        share = (number - self.low) / (self.high - self.low)
+        return float(np.sign(share) * abs(share) ** (1.0 / _POWERS[self.scale]))
+
+    def seen(self, unit: Array) -> Array:
+        """What emulators see of a place: that place, or the middle of its level."""
+        if self.scale != "levels":
+            return unit
+        count = len(self.levels)
+        place: Array = (np.minimum(np.floor(unit * count), count - 1) + 0.5) / count
+        return place
+
+    def rounded(self, value: Value) -> Value:
+        """To two digits."""
+        if isinstance(value, str) or self.scale == "levels":
+            return value
+        short = float(f"{float(value):.2g}")
+        return round(short) if self.whole else short
+
+
+CHOICES: tuple[Choice, ...] = (
+    Choice(
+        "family", ("cell_count",), 40, 300, "log",
+        "the paper shows several small obstacles a scene: 4 (40 cells) to 28 (300)", whole=True,
+    ),
+    Choice(
+        "family", ("band_bottom",), 0.15, 0.6, "linear",
+        "obstacles stand above the divider, and reach down to the basins or stop half-way",
+    ),
+    Choice(
+        "family", ("wall_gap",), 0.0, 0.1, "square",
+        "solid cells at the side walls or not: up to the spheres of liquid (0.074 m) and more",
+    ),
+    Choice(
+        "family", ("liquid_spread",), 0.0, 0.3, "square",
+        "the paper says 'above the obstacles', and never that its place varies; 0.3 m is 0.1's",
+    ),
+    Choice(
+        "filter", ("min_touched",), 0.1, 0.95, "linear",
+        "'hardly touches an obstacle' is left out: anything from a tenth to nearly all",
+    ),
+    Choice(
+        "filter", ("max_stranded",), 0.02, 0.3, "log",
+        "'trapped' is left out: one particle of fifty to a third",
+    ),
+    Choice(
+        "honey", ("adhesion_normal",), 10.0, 400.0, "log",
+        "10 /s moves as water does, 300 /s clings and drips, more strands (physics.md)",
+    ),
+    Choice(
+        "honey", ("adhesion_tangential",), 10.0, 400.0, "log",
+        "as the normal one: the paper has two parameters, set by eye",
+    ),
+    Choice(
+        "honey", ("tension",), 0.0, 0.3, "cubic",
+        "none, to what no liquid here exceeds: from 0.03 on a blob stays whole, 1 is as 0.3",
+    ),
+    Choice(
+        "honey", ("cohesion",), 0.0, 0.03, "cubic",
+        "none, to a capillary length sqrt(cohesion / g) of 0.055 m: most blobs stay whole",
+    ),
+    Choice(
+        "water", ("tension",), 0.0, 0.05, "cubic",
+        "none, to where a blob stays whole: the paper's water splashes",
+    ),
+    Choice(
+        "water", ("cohesion",), 0.0, 0.01, "cubic",
+        "none, to a capillary length of 0.03 m, a particle's spacing",
+    ),
+    Choice(
+        "engine", ("damping_scale",), 0.4, 1.2, "log",
+        "1 as written; 0.5 as when zeta acts in one of two half-kicks of an integrator",
+    ),
+    Choice(
+        "engine", ("sound_speed",), 20.0, 54.0, "log",
+        "4 to 10 times the fastest flow (5 m/s); Monaghan 1994 asks for about ten",
+    ),
+    Choice(
+        "engine", ("support_in_spacings",), 1.8, 2.8, "linear",
+        "25 to 90 neighbours in 3-D; below, pairs don't feel one another (Monaghan 1992)",
+    ),
+    Choice(
+        "engine", ("contact_radius",), 0.3, 0.6, "linear",
+        "half a spacing in a packing that touches; the paper's spheres have no size given",
+    ),
+    Choice(
+        "engine", ("contact_layer",), 0.02, 0.5, "log",
+        "how near 'in contact' is: a fiftieth of a radius to half of one",
+    ),
+    Choice(
+        "engine", ("marble_radius",), 0.35, 0.62, "linear",
+        "marbles that fill a fifth of the liquid's volume to all of it",
+    ),
+    Choice(
+        "engine", ("viscous_pairs",), 0.0, 1.0, "levels",
+        "Monaghan 1992 (approaching) or 2005 (all)", levels=("approaching", "all"),
+    ),
+)  # fmt: skip
+"""All of them."""
+
+
+@dataclass(frozen=True)
+class PointFilter(CoarseFilter):
+    """The filter of an experiment that pours a liquid without a name, on this thread alone."""
+
+    poured: Liquid = WATER
+
+    def keeps(self, scenes: Sequence[Scene]) -> list[bool]:
+        """Simulate scenes, and say which are kept."""
+        pours = [self.pour(scene, self.poured) for scene in scenes]
+        return [
+            end.stranded <= self.max_stranded and end.touched >= self.min_touched
+            for end in simulate(pours, settings=self.settings, threads=1)
+        ]
+
+
+@dataclass(frozen=True)
+class World:
+    """What a point means."""
+
+    engine: EngineSettings
+    water: Liquid
+    honey: Liquid
+    family: VoronoiFamily
+    rule: PointFilter
+
+
+def product_sections() -> dict[Section, Any]:
+    """What the product takes where the paper is silent."""
+    return {
+        "engine": EngineSettings(),
+        "water": WATER,
+        "honey": HONEY_EXP1,
+        "family": EXPERIMENT.family,
+        "filter": EXPERIMENT.choice.rule,
+    }
+
+
+def product_point() -> dict[str, Value]:
+    """The product as it stands, as a point."""
+    sections = product_sections()
+    return {c.name: getattr(sections[c.section], c.fields[0]) for c in CHOICES}
+
+
+def world(point: Point) -> World:
+    """What a point means; what it doesn't name is the product's.
+
+    Parameters
+    ----------
+    point
+        Choices, or other fields of the sections.
+
+    Raises
+    ------
+    InputError
+        If there is no such field, or a value is out of what its section allows.
+    """
+    sections = product_sections()
+    changes: dict[Section, dict[str, Value]] = {section: {} for section in SECTIONS}
+    for name, value in point.items():
+        section, _, entry = name.partition(".")
+        if section not in sections:
+            raise InputError(f"point: {unknown(section, list(SECTIONS))}")
+        entries = [one.name for one in fields(sections[section])]
+        if entry not in entries:
+            raise InputError(f"point: [{section}]: {unknown(entry, entries)}")
+        changes[section][entry] = value
+    for choice in CHOICES:
+        if choice.name in point:
+            changes[choice.section] |= dict.fromkeys(choice.fields, point[choice.name])
+    made = {name: replace(one, **changes[name]) for name, one in sections.items()}
+    water = replace(made["water"], name=WATER_NAME, called="", goals=())
+    honey = replace(made["honey"], name=HONEY_NAME, called="", goals=())
+    rule = {entry.name: getattr(made["filter"], entry.name) for entry in fields(CoarseFilter)}
+    point_filter = PointFilter(**(rule | {"settings": made["engine"]}), poured=water)
+    return World(made["engine"], water, honey, made["family"], point_filter)
+
+
+def point_at(unit: Array) -> dict[str, Value]:
+    """The point at a place of the unit cube, shape [choice_count]."""
+    return {c.name: c.value(float(u)) for c, u in zip(CHOICES, unit, strict=True)}
+
+
+def place_of(point: Point) -> Array:
+    """Where in the unit cube a point lies; what it doesn't name is the product's."""
+    full = {**product_point(), **point}
+    return np.array([choice.unit(full[choice.name]) for choice in CHOICES])
+
+
+def seen_by_emulators(units: Array) -> Array:
+    """What emulators see of places, shape [place_count, choice_count]."""
+    return np.stack([c.seen(units[:, k]) for k, c in enumerate(CHOICES)], axis=1)
+
+
+def read_point(path: Path) -> dict[str, Value]:
+    """Read a point from a TOML file with a table for each section, such as ``[engine]``.
+
+    Raises
+    ------
+    InputError
+        One line that names the file, the table, the field and what was expected.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file ({error})") from None
+    point: dict[str, Value] = {}
+    for section, table in content.items():
+        if section not in SECTIONS:
+            raise InputError(f"{path}: {unknown(section, list(SECTIONS))}")
+        if not isinstance(table, dict):
+            raise InputError(f"{path}: {section}: expected a table [{section}]")
+        point |= {f"{section}.{name}": value for name, value in table.items()}
+    for name, value in point.items():
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            raise InputError(f"{path}: {name}: expected a number or a word, found {value!r}")
+    try:
+        world(point)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except TypeError as error:
+        raise InputError(f"{path}: a number is a word, or a word a number ({error})") from None
+    return point
+
+
+def point_text(point: Point) -> str:
+    """A point as TOML; see `read_point`."""
+    tables: dict[str, dict[str, Value]] = {}
+    for name, value in point.items():
+        section, _, entry = name.partition(".")
+        tables.setdefault(section, {})[entry] = value
+    return tomli_w.dumps(tables)
