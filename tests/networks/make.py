@@ -41,7 +41,7 @@ def random_network(liquid="water", experiment="exp1", recipe=None, seed=0) -> Ne
         # Normalisation takes its statistics from some pictures, as after training.
         model.train()
         for _ in range(20):
-            model(tensor_of(pictures, "cpu"))
+            model(tensor_of(pictures, model))
         said = outputs(model, pictures)
         weight.mul_(0.2 / said.std())
         bias.fill_(0.0)

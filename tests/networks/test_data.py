@@ -1,9 +1,13 @@
 """Scenes to learn from: drawn once, in pieces, labelled through a sweep's store."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import pytest
 
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
+from pourcast.networks.training import data
 from pourcast.networks.training.data import PIECE, Draws, drawn_scenes, label_spec, truth_labels
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.study.experiments.registry import EXPERIMENTS
@@ -37,6 +41,19 @@ def test_held_out_scenes_are_others_and_filters_differ(tmp_path):
     assert found[0] != found[3]
     assert not found[0] & found[1]
     assert not found[0] & found[2]
+
+
+def test_an_experiment_whose_scenes_are_drawn_otherwise_draws_anew(tmp_path, monkeypatch):
+    draws = Draws("exp1", 5, filtered=False)
+    before, name = drawn_scenes(tmp_path, draws, 3), draws.name
+    experiment = EXPERIMENTS.get("exp1")
+    changed = replace(experiment, family=replace(experiment.family, cell_count=90))
+    monkeypatch.setattr(data, "EXPERIMENTS", SimpleNamespace(get=lambda name: changed))
+    assert draws.name != name
+    assert "cell_count=90" in draws.statistics
+    after = drawn_scenes(tmp_path, draws, 3)
+    assert not set(digests(before)) & set(digests(after))
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_what_was_drawn_is_read_and_damage_is_told(tmp_path):

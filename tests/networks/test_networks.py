@@ -11,7 +11,8 @@ from pourcast.errors import InputError
 from pourcast.models.registry import make_model
 from pourcast.networks import backbones
 from pourcast.networks.backbones import layers_of, make_backbone, take_over, weights_in
-from pourcast.networks.network import Network, Recipe, card_path, read_network, write_network
+from pourcast.networks.network import Network, card_path, read_network, write_network
+from pourcast.networks.training.pair import default_recipe
 from pourcast.prediction import predict
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from tests.networks.make import random_network, scenes_of, written
@@ -85,10 +86,11 @@ def test_a_trials_liquid_makes_no_difference(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backbone", ["convnet-small", "alexnet"])
+@pytest.mark.parametrize("backbone", backbones.OWN)
 def test_120_scenes_take_little_more_than_the_network_itself(backbone):
-    height, width = backbones.usual_shape(backbone)
-    network = random_network(recipe=Recipe(backbone=backbone, height=height, width=width))
+    recipe = default_recipe(backbone)
+    height, width = recipe.height, recipe.width
+    network = random_network(recipe=recipe)
     bare, pair = make_backbone(backbone, height, width).eval(), torch.zeros(2, 3, height, width)
     scenes = scenes_of("exp1", 120)
     network.judge(scenes[:2])
@@ -171,10 +173,11 @@ def test_alexnet_has_torchvisions_names_and_takes_its_weights(tmp_path):
     model, weights = make_backbone("alexnet", 224, 224), imagenet_like()
     assert list(model.state_dict()) == list(weights)
     torch.save(weights, tmp_path / "alexnet.pth")
-    found, source = weights_in(tmp_path / "alexnet.pth")
-    assert source.startswith("alexnet.pth, sha256 ")
+    found = weights_in(tmp_path / "alexnet.pth")
+    assert found.source.startswith("alexnet.pth, sha256 ")
+    assert not found.licence
     before = model.state_dict()["classifier.6.weight"].clone()
-    take_over(model, found, "alexnet.pth")
+    take_over(model, found.tensors, "alexnet.pth")
     now = model.state_dict()
     assert all(torch.equal(now[name], weights[name]) for name in list(now)[:-2])
     assert torch.equal(now["classifier.6.weight"], before)
@@ -210,7 +213,8 @@ def test_an_unknown_backbone_is_named(capsys, tmp_path):
     arguments = ["convnet", "train", "-e", "exp1", "--backbone", "alexnett", "-n", "40"]
     assert cli.run([*arguments, "-o", str(tmp_path / "net")]) == 2
     assert (
-        "backbone: there is no 'alexnett'; known: convnet-small, alexnet" in capsys.readouterr().err
+        "backbone: there is no 'alexnett'; known: efficientnet-lite0, convnet-small, alexnet"
+        in capsys.readouterr().err
     )
     assert not (tmp_path / "net" / "data").exists()
 

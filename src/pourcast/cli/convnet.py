@@ -1,6 +1,5 @@
 """Commands of the networks: convnet train, convnet show."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,13 +22,6 @@ networks = typer.Typer(
 app.add_typer(networks, name="convnet")
 
 
-class Start(StrEnum):
-    """First weights that need no file."""
-
-    RANDOM = "random"
-    IMAGENET = "imagenet"
-
-
 @networks.command()
 def train(
     experiment: Annotated[str, typer.Option("--experiment", "-e", help=EXPERIMENT_HELP)],
@@ -43,19 +35,26 @@ def train(
         typer.Option(help="Of the other liquids' [a quarter as many]; 0: only the first."),
     ] = None,
     backbone: Annotated[
-        str,
-        typer.Option(help="convnet-small, alexnet (the paper's), or one of torchvision or timm."),
-    ] = "convnet-small",
+        str | None,
+        typer.Option(
+            help="efficientnet-lite0, convnet-small, alexnet (the paper's), or one of torchvision "
+            "or timm [that of FILE; efficientnet-lite0]."
+        ),
+    ] = None,
     start: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="random, imagenet or FILE",
-            help="First weights: none, ImageNet's by download, or a file (.pth, .safetensors).",
+            help="First weights: none, ImageNet's, or a file (.pth, .safetensors) [imagenet for "
+            "efficientnet-lite0, random for others].",
         ),
-    ] = "random",
+    ] = None,
     size: Annotated[
         str | None,
-        typer.Option(metavar="WxH", help="Pixels [convnet-small 64x96, others 224x224]."),
+        typer.Option(
+            metavar="WxH",
+            help="Pixels [efficientnet-lite0 and convnet-small 64x96, others 224x224].",
+        ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A first look: fewer passes.")] = False,
     passes: Annotated[
@@ -112,8 +111,8 @@ def train(
 
 
 def _recipe(
-    backbone: str,
-    start: str,
+    backbone: str | None,
+    start: str | None,
     size: str | None,
     quick: bool,
     passes: int | None,
@@ -123,7 +122,7 @@ def _recipe(
 
     from pourcast.cli.options import pixels
     from pourcast.errors import one_line
-    from pourcast.networks.training.pair import QUICK, default_recipe
+    from pourcast.networks.training.pair import QUICK, STARTS, default_recipe
 
     given: dict[str, Any] = dict(QUICK) if quick else {}
     if size is not None:
@@ -133,10 +132,12 @@ def _recipe(
         given |= {"passes": passes, "tuning_passes": passes}
     if learning_rate is not None:
         given |= {"learning_rate": learning_rate, "tuning_rate": learning_rate}
-    if start not in list(Start) and not Path(start).is_file():
-        raise InputError(f"start: expected {', '.join(Start)} or a file, found {start!r}")
+    if start is not None:
+        if start not in STARTS and not Path(start).is_file():
+            raise InputError(f"start: expected {', '.join(STARTS)} or a file, found {start!r}")
+        given |= {"start": start}
     try:
-        return default_recipe(backbone, start=start, **given)
+        return default_recipe(backbone, **given)
     except ValidationError as error:
         raise InputError(one_line(error)) from None
 

@@ -26,11 +26,6 @@ from pourcast.scenes.scene import Scene
 
 SUFFIX = ".safetensors"
 
-"""Experiment -> the goal of its scenes."""
-
-_MEAN, _SD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-"""Of ImageNet's pictures, to which pre-trained networks are used; we keep to it throughout."""
-
 
 class Recipe(Frozen):
     """How a network is made.
@@ -112,6 +107,8 @@ class Card(Frozen):
     ----------
     experiment, goal, liquid
         What it was trained for; the goal by its kind.
+    drawn_from
+        Statistics that its scenes were drawn by, and the filter.
     labelled_by
         The ground truth.
     scenes
@@ -126,6 +123,8 @@ class Card(Frozen):
         How it was made.
     first_weights
         What it started from, in words.
+    licence
+        Of the first weights, as far as it is known; what is made from them keeps to it.
     epochs
         How learning went.
     held_out
@@ -141,6 +140,7 @@ class Card(Frozen):
     experiment: str
     goal: str
     liquid: str
+    drawn_from: str = ""
     labelled_by: str
     scenes: int
     validation: int
@@ -148,6 +148,7 @@ class Card(Frozen):
     filtered: bool
     recipe: Recipe
     first_weights: str
+    licence: str = ""
     epochs: tuple[Epoch, ...]
     held_out: HeldOut | None
     made_with: dict[str, str]
@@ -290,19 +291,17 @@ def _one_thread() -> Iterator[None]:
 
 def outputs(model: Any, pictures: Pictures) -> NDArray[np.float64]:
     """What a module in evaluation mode says of pictures, shape [picture_count]."""
-    torch = torch_module()
     model.eval()
-    device = next(model.parameters()).device
-    with torch.inference_mode():
-        said = model(tensor_of(pictures, device))
+    with torch_module().inference_mode():
+        said = model(tensor_of(pictures, model))
     found: NDArray[np.float64] = said.flatten().double().cpu().numpy()
     return found
 
 
-def tensor_of(pictures: Pictures, device: Any) -> Any:
-    """Pictures as a network takes them: standardised, on its device."""
-    torch = torch_module()
-    mean, sd = (torch.tensor(v, device=device).view(1, 3, 1, 1) for v in (_MEAN, _SD))
+def tensor_of(pictures: Pictures, model: Any) -> Any:
+    """Pictures as a network takes them: standardised as its backbone wants, on its device."""
+    torch, device = torch_module(), next(model.parameters()).device
+    mean, sd = (torch.tensor(v, device=device).view(1, 3, 1, 1) for v in model.colours)
     return (torch.from_numpy(pictures).to(device).float() / 255.0 - mean) / sd
 
 

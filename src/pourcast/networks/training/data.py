@@ -1,5 +1,6 @@
 """Scenes to learn from, drawn piece by piece, and the ground truth's judgments of them."""
 
+import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -52,9 +53,19 @@ class Draws:
 
     @property
     def name(self) -> str:
-        """Name of the folder that keeps them."""
+        """Name of the folder that keeps them: another as soon as scenes are drawn otherwise."""
         rule = "filtered" if self.filtered else "unfiltered"
-        return f"{self.experiment}-{self.stream}-{rule}-seed{self.seed}"
+        version = hashlib.sha256(self.statistics.encode()).hexdigest()[:8]
+        return f"{self.experiment}-{self.stream}-{rule}-seed{self.seed}-{version}"
+
+    @property
+    def statistics(self) -> str:
+        """What scenes are drawn by, and dropped by."""
+        experiment = EXPERIMENTS.get(self.experiment)
+        words = [repr(experiment.family)]
+        if self.filtered:
+            words.append(repr(experiment.choice.rule))
+        return ", ".join(words)
 
 
 def drawn_scenes(folder: Path, draws: Draws, count: int, report: Report = no_report) -> list[Scene]:

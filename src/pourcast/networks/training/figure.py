@@ -29,7 +29,7 @@ def draw_card(path: Path, card: Card) -> None:
         if card.held_out is not None:
             _draw_held_out(right, card.held_out, colour_of(card.liquid))
         first = card.first_weights.partition(",")[0].partition(" (")[0]
-        first = "random weights" if first == "random" else first
+        first += " weights" if first in ("random", "ImageNet's") else ""
         figure.suptitle(
             f"{card.experiment}, {card.liquid}: {card.recipe.backbone} from {first}, "
             f"{card.scenes} scenes",

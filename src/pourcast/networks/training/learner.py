@@ -263,7 +263,7 @@ class _Learner:
         losses: list[float] = []
         for step, (pictures, labels) in enumerate(self._batches(words)):
             self._tell(stage, number, step, losses)
-            shown = tensor_of(pictures, self._training.device)
+            shown = tensor_of(pictures, self._model)
             shown = shown.to(memory_format=torch.channels_last)
             wanted = torch.from_numpy(labels).float().to(self._training.device)
             with half_precision(self._training.device):

@@ -14,11 +14,13 @@ from pourcast.errors import InputError
 from pourcast.files import check_writable
 from pourcast.models.registry import presets
 from pourcast.networks.backbones import (
+    FirstWeights,
+    backbone_of,
     imagenet_weights,
     make_backbone,
     take_over,
     torch_module,
-    usual_shape,
+    usual,
     weights_in,
 )
 from pourcast.networks.network import (
@@ -50,25 +52,40 @@ from pourcast.study.experiments.registry import EXPERIMENTS
 TUNED_SHARE = 4
 """Of the scenes, one in so many is for the fine-tuned networks, too (paper: 2,500 of 10,000)."""
 
+DEFAULT_BACKBONE = "efficientnet-lite0"
+
+STARTS = ("random", "imagenet")
+"""First weights that need no file."""
+
 DEFAULT_SCENES = 10_000
 HELD_OUT = 120
 
 FEWEST_SCENES = 32
 
-QUICK: dict[str, Any] = {"passes": 12, "stage_passes": 1, "tuning_passes": 4}
+QUICK: dict[str, Any] = {"passes": 12, "stage_passes": 1, "tuning_passes": 6}
 """A first look: fewer passes."""
 
 
-def default_recipe(backbone: str = "convnet-small", **given: Any) -> Recipe:
-    """Recipe of a backbone, with pictures of the size that it is usually shown.
+def default_recipe(backbone: str | None = None, **given: Any) -> Recipe:
+    """Recipe of a backbone, with first weights and pictures as it is usually used.
+
+    Parameters
+    ----------
+    backbone
+        Its name; by default that of the file of first weights if `start` is one, and
+        `DEFAULT_BACKBONE` otherwise.
+    **given
+        Other parameters of `Recipe`.
 
     Raises
     ------
     InputError
-        If a value is out of its range.
+        If a value is out of its range, or a file of first weights can't be read.
     """
-    height, width = usual_shape(backbone)
-    return Recipe(**({"backbone": backbone, "height": height, "width": width} | given))
+    if backbone is None:
+        start = given.get("start", "imagenet")
+        backbone = DEFAULT_BACKBONE if start in STARTS else backbone_of(Path(start))
+    return Recipe(**{"backbone": backbone, **usual(backbone).recipe, **given})
 
 
 @dataclass(frozen=True)
@@ -121,6 +138,16 @@ class NetworkRequest:
     def liquids(self) -> list[str]:
         """Liquids that get a network."""
         return [liquid for liquid in self._experiment.shown_liquids if self.count(liquid)]
+
+    @property
+    def draws(self) -> Draws:
+        """The list of scenes that its networks learn from."""
+        return Draws(self.experiment, self.seed, self.filtered)
+
+    @property
+    def held_out_draws(self) -> Draws:
+        """The list of scenes that they are tried on: always filtered, as stimuli are."""
+        return Draws(self.experiment, self.seed, stream="held-out")
 
     def label_spec(self, liquid: str) -> str:
         """The ground truth that labels scenes for a liquid's network."""
@@ -227,6 +254,7 @@ def _wanted(request: NetworkRequest, liquid: str) -> dict[str, Any]:
     return {
         "experiment": request.experiment,
         "liquid": liquid,
+        "drawn_from": request.draws.statistics,
         "labelled_by": f"{request.label_spec(liquid)} (engine {engine_version()})",
         "scenes": request.count(liquid),
         "seed": request.seed,
@@ -256,7 +284,7 @@ def _train_one(
     folder: Path, labelled: "_Labelled", liquid: str, device: str, report: Report
 ) -> None:
     path, request = folder / f"{liquid}{SUFFIX}", labelled.request
-    model, first_weights, knows = _first(folder, request, liquid)
+    model, first = _first(folder, request, liquid)
     examples, held_out = labelled.examples(liquid), labelled.held_out(liquid)
     learned_from, validation = split(examples, request.seed)
     wanted = _wanted(request, liquid)
@@ -266,16 +294,17 @@ def _train_one(
         "device": device,
         "precision": "bfloat16" if has_half_precision(device) else "float32",
     }
-    words = [wanted | {"recipe": request.recipe.model_dump()}, first_weights, made_with]
+    words = [wanted | {"recipe": request.recipe.model_dump()}, first.source, made_with]
+    key = hashlib.sha256(json.dumps(words).encode()).hexdigest()
     training = Training(
-        name=f"learning {liquid}", recipe=request.recipe, knows=knows, seed=request.seed,
-        device=device, key=hashlib.sha256(json.dumps(words).encode()).hexdigest(),
-        checkpoint=folder / "work" / f"{liquid}.pt",
+        name=f"learning {liquid}", recipe=request.recipe, knows=bool(first.tensors),
+        seed=request.seed, device=device, key=key, checkpoint=folder / "work" / f"{liquid}.pt",
     )  # fmt: skip
     epochs = train(model, learned_from, validation, training, report)
     card = Card(
         **wanted, goal=examples.scenes[0].goal.kind, validation=len(validation.scenes),
-        first_weights=first_weights, epochs=tuple(epochs), held_out=None, made_with=made_with,
+        first_weights=first.source, licence=first.licence, epochs=tuple(epochs), held_out=None,
+        made_with=made_with,
     )  # fmt: skip
     # As it will be when it is loaded, to the bit.
     model = model.to("cpu", memory_format=torch_module().contiguous_format)
@@ -297,14 +326,11 @@ class _Labelled:
 
     def examples(self, liquid: str) -> Examples:
         """What a network learns from."""
-        asked = self.request
-        draws = Draws(asked.experiment, asked.seed, asked.filtered)
-        return self._labelled(draws, asked.count(liquid), liquid)
+        return self._labelled(self.request.draws, self.request.count(liquid), liquid)
 
     def held_out(self, liquid: str) -> Examples:
-        """What it is tried on: always filtered, as stimuli are."""
-        draws = Draws(self.request.experiment, self.request.seed, stream="held-out")
-        return self._labelled(draws, self.request.held_out, liquid)
+        """What it is tried on."""
+        return self._labelled(self.request.held_out_draws, self.request.held_out, liquid)
 
     def _labelled(self, draws: Draws, count: int, liquid: str) -> Examples:
         scenes = drawn_scenes(self.folder, draws, count, self.report)
@@ -313,28 +339,30 @@ class _Labelled:
         return Examples(scenes, labels)
 
 
-def _first(folder: Path, request: NetworkRequest, liquid: str) -> tuple[Any, str, bool]:
-    """A network before it learns, what its weights are, and whether they know anything."""
+def _first(folder: Path, request: NetworkRequest, liquid: str) -> tuple[Any, FirstWeights]:
+    """A network before it learns, and what its weights are; no tensors: they know nothing."""
     torch, recipe = torch_module(), request.recipe
     torch.manual_seed(request.seed)
     model = make_backbone(recipe.backbone, recipe.height, recipe.width)
     first = request.first_liquid
     if liquid != first:
         learned = read_network(folder / f"{first}{SUFFIX}")
-        model.load_state_dict(learned.model.state_dict())
-        return model, f"the {first} network ({learned.card.weights[:16]})", True
+        tensors, card = learned.model.state_dict(), learned.card
+        model.load_state_dict(tensors)
+        source = f"the {first} network ({card.weights[:16]})"
+        return model, FirstWeights(tensors, source, card.licence)
     weight, bias = list(model.parameters())[-2:]
     torch.nn.init.zeros_(weight)
     torch.nn.init.constant_(bias, 0.5)
     if recipe.start == "random":
-        return model, "random", False
-    weights, source = (
+        return model, FirstWeights({}, "random")
+    weights = (
         imagenet_weights(recipe.backbone)
         if recipe.start == "imagenet"
         else weights_in(Path(recipe.start))
     )
-    take_over(model, weights, recipe.start)
-    return model, source, True
+    take_over(model, weights.tensors, recipe.start)
+    return model, weights
 
 
 def _tried(network: Network, held_out: Examples, report: Report) -> HeldOut:
