@@ -50,8 +50,8 @@ def strength(neutral_in_supports: float) -> float:
 
     Examples
     --------
-    >>> round(strength(1 / 2.3), 5)
-    0.00327
+    >>> round(strength(1 / 2.3), 4)
+    0.002
     """
     reach = int(np.ceil(1.0 / neutral_in_supports))
     axis = np.arange(-reach, reach + 1)

@@ -195,7 +195,7 @@ def read_grid(name_or_path: str, own: Sequence[Liquid] = ()) -> Grid:
     Examples
     --------
     >>> sum(1 for _ in read_grid("quick").points())
-    324
+    325
     """
     if name_or_path in grid_names():
         resource = files("pourcast.sweep").joinpath("grids", f"{name_or_path}.toml")
