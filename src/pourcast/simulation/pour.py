@@ -22,11 +22,6 @@ MAX_DAMPING = 200.0
 """Largest damping [1/s]: what is damped more falls too slowly to be told from what rests."""
 
 
-def spacing_in(scene: Scene, n_particles: int) -> float:
-    """Particle spacing [m] of a scene's liquid."""
-    return spacing_of(n_particles, scene.liquid.diameter / 2, scene.box.depth)
-
-
 @dataclass(frozen=True)
 class Pour:
     """One simulation to be run.
@@ -87,8 +82,8 @@ class Pour:
 
     @property
     def spacing(self) -> float:
-        """Particle spacing [m]."""
-        return spacing_in(self.scene, self.n_particles)
+        """Particle spacing, in three dimensions [m]."""
+        return spacing_of(self.n_particles, self.scene.liquid.diameter / 2, self.scene.box.depth)
 
 
 @dataclass(frozen=True)
