@@ -14,9 +14,10 @@ The rule for the recommended point:
    product as it stands.
 
 The first version, written down before any point was measured, took the largest miss in place of
-the root mean square, and let the variances decide only among equals. It was changed before any
-check: the largest miss followed whichever output its emulator knew least of, and a place with
-seven times the paper's variance passed, though there were places that missed nothing so far.
+the root mean square, and let the variances decide only among equals. It was changed twice,
+after the third wave and after the fourth, and before any check: the largest miss followed whichever
+output its emulator knew least of, and a place with seven times the paper's variance passed, though
+there were places that missed nothing so far.
 """
 
 from collections.abc import Sequence

@@ -6,7 +6,7 @@ that the paper gives (N, alpha, zeta, sigma, area of the obstacles) are no choic
 """
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -19,8 +19,6 @@ from pourcast.errors import InputError, unknown
 from pourcast.scenes.families.voronoi import VoronoiFamily
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
-from pourcast.scenes.scene import Scene
-from pourcast.simulation.run import simulate
 from pourcast.simulation.settings import EngineSettings
 from pourcast.study.experiments.exp1 import EXPERIMENT
 from pourcast.study.selection import CoarseFilter
@@ -195,21 +193,6 @@ CHOICES: tuple[Choice, ...] = (
 
 
 @dataclass(frozen=True)
-class PointFilter(CoarseFilter):
-    """The filter of an experiment that pours a liquid without a name, on this thread alone."""
-
-    poured: Liquid = WATER
-
-    def keeps(self, scenes: Sequence[Scene]) -> list[bool]:
-        """Simulate scenes, and say which are kept."""
-        pours = [self.pour(scene, self.poured) for scene in scenes]
-        return [
-            end.stranded <= self.max_stranded and end.touched >= self.min_touched
-            for end in simulate(pours, settings=self.settings, threads=1)
-        ]
-
-
-@dataclass(frozen=True)
 class World:
     """What a point means."""
 
@@ -217,7 +200,7 @@ class World:
     water: Liquid
     honey: Liquid
     family: VoronoiFamily
-    rule: PointFilter
+    rule: CoarseFilter
 
 
 def product_sections() -> dict[Section, Any]:
@@ -266,9 +249,8 @@ def world(point: Point) -> World:
     made = {name: replace(one, **changes[name]) for name, one in sections.items()}
     water = replace(made["water"], name=WATER_NAME, called="", goals=())
     honey = replace(made["honey"], name=HONEY_NAME, called="", goals=())
-    rule = {entry.name: getattr(made["filter"], entry.name) for entry in fields(CoarseFilter)}
-    point_filter = PointFilter(**(rule | {"settings": made["engine"]}), poured=water)
-    return World(made["engine"], water, honey, made["family"], point_filter)
+    rule = replace(made["filter"], liquid=water, settings=made["engine"])
+    return World(made["engine"], water, honey, made["family"], rule)
 
 
 def point_at(unit: Array) -> dict[str, Value]:

@@ -53,7 +53,7 @@ def test_honeys_choices_go_to_honey_and_waters_to_water():
 def test_the_filter_pours_the_points_water_in_its_engine():
     here = space.world({"engine.sound_speed": 25.0})
     assert here.rule.settings.sound_speed == 25.0
-    assert here.rule.poured == here.water
+    assert here.rule.liquid == here.water
 
 
 def test_levels_are_seen_by_their_middles():

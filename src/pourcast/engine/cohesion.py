@@ -98,10 +98,11 @@ def add_pair_energy(state: Any, parameters: Any, count: int, large: bool, energy
     scale = load(parameters.cohesion_factor, 0) / (inverse_support * inverse_support)
     total = zero
     for i in range(count):
-        row, lane = (i // LANES, i % LANES) if large else (i, 0)
-        xi, yi, zi = load(x, row), load(y, row), load(z, row)
         if large:
+            row, lane = divmod(i, LANES)
             xi, yi, zi = splat(x[row, lane]), splat(y[row, lane]), splat(z[row, lane])
+        else:
+            xi, yi, zi = load(x, i), load(y, i), load(z, i)
         for j in range(state.density.shape[0] if large else i):
             dx, dy, dz = xi - load(x, j), yi - load(y, j), zi - load(z, j)
             near = one_minus_q_of(dot(dx, dy, dz, dx, dy, dz), inverse_support, zero)

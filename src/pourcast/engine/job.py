@@ -62,8 +62,7 @@ class Job:
             _check("job", name, getattr(self, name), "at least 0", getattr(self, name) >= 0.0)
         if not (self.ceiling > 0.0):
             raise InputError(f"job: ceiling: expected more than 0, found {self.ceiling}")
-        if not (0.0 <= self.tension <= 1.0):
-            raise InputError(f"job: tension: expected 0 to 1, found {self.tension}")
+        _check("job", "tension", self.tension, "0 to 1", 0.0 <= self.tension <= 1.0)
 
     @property
     def spacing(self) -> float:

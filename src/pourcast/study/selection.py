@@ -61,7 +61,7 @@ class CoarseFilter:
         Least share of the liquid that must meet an obstacle. Of the values tried,
         0.9 comes nearest to the paper (`docs/explanation/scene-statistics.md`).
     liquid
-        Name of the liquid that is poured.
+        The liquid that is poured, or its name.
     settings
         How pours are computed; by default as models compute them.
     """
@@ -70,7 +70,7 @@ class CoarseFilter:
     damping_zeta: float = 5.0
     max_stranded: float = 0.05
     min_touched: float = 0.9
-    liquid: str = "water"
+    liquid: str | Liquid = "water"
     settings: EngineSettings | None = None
 
     def keeps(self, scenes: Sequence[Scene]) -> list[bool]:
@@ -86,8 +86,9 @@ class CoarseFilter:
     @property
     def words(self) -> str:
         """What it asks, in a line."""
+        liquid = self.liquid if isinstance(self.liquid, str) else self.liquid.name
         return (
-            f"by a pour of {self.liquid}, {self.n_particles} particles, damping "
+            f"by a pour of {liquid}, {self.n_particles} particles, damping "
             f"{self.damping_zeta:g}/s: at most {self.max_stranded:.0%} of it ends on an obstacle, "
             f"at least {self.min_touched:.0%} meets one"
         )
