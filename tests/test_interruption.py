@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from functools import partial
 
 import pytest
 
@@ -56,6 +55,14 @@ OWN_TIME = f"""
 """
 
 
+@pytest.fixture(autouse=True)
+def not_ignored():
+    """What a shell starts in the background ignores Ctrl-C, and hands that on to its children."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 class Interrupted:
     """A process on a terminal that got Ctrl-C once it had shown some words."""
 
@@ -64,8 +71,6 @@ class Interrupted:
         process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=its, start_new_session=True,
             env={**os.environ, "COLUMNS": "150", "TERM": "xterm", "NUMBA_DISABLE_JIT": "0"},
-            # What a shell starts in the background has it ignored, and hands that on.
-            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
         )  # fmt: skip
         os.close(its)
         self.shown = ""

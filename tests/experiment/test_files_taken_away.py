@@ -1,8 +1,6 @@
 """What becomes of a study's files while it is served: noticed, told, and never acknowledged."""
 
-import ctypes
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -212,19 +210,20 @@ def test_a_postgresql_that_is_gone_is_told_of_and_another_one_is_not_taken_for_i
         storage.close()
 
 
-def _hold_root_to_modes():
-    """Take from root, before it runs something, what lets it do all that modes forbid."""
-    if os.getuid() == 0:
-        for capability in (1, 2):  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH; 24: PR_CAPBSET_DROP
-            assert ctypes.CDLL(None).prctl(24, capability, 0, 0, 0) == 0
+HOLD_ROOT_TO_MODES = """
+import ctypes, os, sys
+if os.getuid() == 0:
+    for capability in (1, 2):  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH; 24: PR_CAPBSET_DROP
+        assert ctypes.CDLL(None).prctl(24, capability, 0, 0, 0) == 0
+os.execv(sys.executable, [sys.executable, "-c", *sys.argv[1:]])
+"""
+"""Take from root what lets it do all that modes forbid, and go on as another Python."""
 
 
 def unprivileged(script, *arguments):
     """Run Python as somebody whom the modes of files hold."""
-    return subprocess.run(
-        [sys.executable, "-c", script, *map(str, arguments)],
-        capture_output=True, text=True, check=False, preexec_fn=_hold_root_to_modes,
-    )  # fmt: skip
+    command = [sys.executable, "-c", HOLD_ROOT_TO_MODES, script, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 WATCHED = """
