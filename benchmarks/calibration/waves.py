@@ -46,9 +46,6 @@ Array = NDArray[np.float64]
 MUCH = 0.1
 """Share of the space."""
 
-FIRST_FOCUSED = 3
-"""The first waves are spread over all that is left."""
-
 
 @dataclass(frozen=True)
 class Request:
@@ -195,7 +192,7 @@ def _named(report: Report, number: int) -> Report:
 def _same_request(request: Request, store: Path) -> None:
     path = store / "request.json"
     asked = {
-        "choices": [f"{c.name} {c.low} {c.high} {c.scale} {c.levels}" for c in space.CHOICES],
+        "choices": [f"{c.name} {c.low} {c.high} {c.scale}" for c in space.CHOICES],
         "points": request.points,
         "later points": request.later_points,
         "scenes": request.scenes,
@@ -226,7 +223,7 @@ def _design(request: Request, number: int, last: Wave | None) -> Array:
         (last.correlated, False, request.later_points - half),
     ):
         places = left.places
-        if left.volume > MUCH and number > FIRST_FOCUSED:
+        if left.volume > MUCH:
             largest = statistic_of(last.emulators, last.targets, 1, variances=variances)
             dimensions = len(space.CHOICES)
             places = region(
@@ -266,8 +263,7 @@ def statistic_of(
     chosen, kept = zip(*pairs, strict=True)
 
     def statistic(places: Array) -> Array:
-        seen = space.seen_by_emulators(places)
-        return kth_largest(implausibilities(seen, chosen, kept), rank)
+        return kth_largest(implausibilities(places, chosen, kept), rank)
 
     return statistic
 
@@ -289,7 +285,6 @@ def emulate(
         Of the fits.
     """
     good = [k for k, one in enumerate(measured) if not one.failure]
-    seen = space.seen_by_emulators(places[good])
     pooled = pooled_sampling([measured[k] for k in good])
     kept, emulators = [], []
     for target in targets(pooled):
@@ -298,7 +293,7 @@ def emulate(
         beyond = (values < target.low) | (values > target.high)
         if target.exact or beyond.mean() > _RARELY:
             kept.append(target)
-            emulators.append(fit(seen, values, noise, seed))
+            emulators.append(fit(places[good], values, noise, seed))
     return kept, emulators
 
 

@@ -1,11 +1,9 @@
 """Open choices, and what a point means."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from benchmarks.calibration import space
-from benchmarks.calibration.space import CHOICES, Choice
+from benchmarks.calibration.space import CHOICES
 
 from pourcast.errors import InputError
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
@@ -20,7 +18,7 @@ def test_every_place_of_the_range_can_be_simulated(choice):
         here = space.world({choice.name: value})
         section = here.rule if choice.section == "filter" else getattr(here, choice.section)
         assert getattr(section, choice.fields[0]) == value
-        if choice.scale != "levels" and not choice.whole:
+        if not choice.whole:
             assert choice.unit(value) == pytest.approx(unit)
     assert choice.why
 
@@ -56,12 +54,6 @@ def test_the_filter_pours_the_points_water_in_its_engine():
     assert here.rule.liquid == here.water
 
 
-def test_levels_are_seen_by_their_middles():
-    choice = Choice("engine", ("viscous_pairs",), 0, 1, "levels", "", levels=("a", "b"))
-    assert list(choice.seen(np.array([0.0, 0.49, 0.51, 1.0]))) == [0.25, 0.25, 0.75, 0.75]
-    assert choice.value(1.0) == "b"
-
-
 def test_a_point_is_read_as_it_was_written(tmp_path):
     point = space.point_at(np.full(len(CHOICES), 0.3))
     path = tmp_path / "point.toml"
@@ -93,6 +85,5 @@ def test_a_wrong_point_is_told_in_one_line(tmp_path, text, said):
 def test_rounding_takes_two_digits():
     cells = next(choice for choice in CHOICES if choice.whole)
     assert cells.rounded(147) == 150
-    speed = next(choice for choice in CHOICES if choice.fields == ("sound_speed",))
-    assert speed.rounded(31.49) == 31.0
-    assert replace(speed, scale="levels", levels=("x",)).rounded("x") == "x"
+    stickiness = next(choice for choice in CHOICES if choice.fields == ("adhesion_normal",))
+    assert stickiness.rounded(31.49) == 31.0
