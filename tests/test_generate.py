@@ -15,8 +15,9 @@ from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.polygons import convex_pieces
 from pourcast.scenes.scene_file import scenes_to_json
 from pourcast.study import folder
+from pourcast.study.chosen import read_chosen, write_chosen
 from pourcast.study.experiments.registry import EXPERIMENTS, experiment_like
-from pourcast.study.folder import SceneRequest, how_chosen, new_study, open_study
+from pourcast.study.folder import SceneRequest, new_study, open_study
 from pourcast.study.selection import (
     CoarseFilter,
     ContrastingScenes,
@@ -183,10 +184,39 @@ def test_older_experiments_stay_as_they_were(name):
     "few", [SceneRequest("exp1", 2, quick=True), SceneRequest("exp2", 4, 3, 60, quick=True)]
 )
 def test_a_study_says_how_its_scenes_were_chosen(tmp_path, monkeypatch, few):
-    assert how_chosen(tmp_path) == ()
-    scenes = draws(EXPERIMENTS.get(few.experiment).family, 9)
-    monkeypatch.setattr(folder, "generate_scenes", lambda *_: Selection(scenes, 9, 9))
+    assert read_chosen(tmp_path) is None
+    family, stages = EXPERIMENTS.get(few.experiment).family, few.choice.stages
+    scenes, left = draws(family, 9), tuple(range(9, 9 - len(stages), -1))
+    selection = Selection(scenes, 9, 9, left, {"correlation of the truths": -0.6})
+    monkeypatch.setattr(folder, "generate_scenes", lambda *_: selection)
     new_study(tmp_path / "one", few)
-    assert how_chosen(tmp_path / "one") == few.choice.stages
+    chosen = read_chosen(tmp_path / "one")
+    assert [(one.stage, one.how, one.scenes) for one in chosen.stages] == [
+        (*words, count) for words, count in zip(stages, left, strict=True)
+    ]
+    assert chosen.figures == selection.figures
+    assert chosen.family["name"] == family.name
     assert ("quick" in (tmp_path / "one" / "study.toml").read_text()) == (few.candidates == 60)
     assert open_study(tmp_path / "one", few) == scenes
+
+
+def test_scenes_that_were_drawn_by_other_rules_are_not_gone_on_with(tmp_path):
+    request = SceneRequest("exp1", 2, 3)
+    new_study(tmp_path, request)
+    chosen, path = read_chosen(tmp_path), tmp_path / "chosen.json"
+    others = (
+        {"family": {**chosen.family, "cell_count": 7}},
+        {"stages": (*chosen.stages[:-1], chosen.stages[-1].model_copy(update={"how": "by hand"}))},
+    )
+    for other in others:
+        write_chosen(tmp_path, chosen.model_copy(update=other))
+        with pytest.raises(
+            InputError, match=r"scenes\.json: drawn by other rules than those of exp1"
+        ):
+            open_study(tmp_path, request)
+    path.unlink()  # pourcast 0.1 kept none
+    with pytest.raises(InputError, match="drawn by other rules"):
+        open_study(tmp_path, request)
+    path.write_text('{"pourcast": "1", "family": {}, "stages": 3}')
+    with pytest.raises(InputError, match=r"chosen\.json: stages: "):
+        open_study(tmp_path, request)

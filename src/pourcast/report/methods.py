@@ -10,6 +10,7 @@ from pourcast.comparison.compare import Comparison
 from pourcast.files import finished_files
 from pourcast.scenes.liquids.registry import called
 from pourcast.simulation.run import engine_version
+from pourcast.study.chosen import CHOSEN_FILE
 
 LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "numba", "matplotlib")
 
@@ -87,7 +88,7 @@ def provenance(comparison: Comparison) -> list[tuple[str, str]]:
         ("resamples", f"{settings.resamples} of {_resampled(settings.resampled)}"),
         (f"responses: {path.name}", f"sha256 {digest}"),
     ]
-    files = [study / "study.toml", study / "scenes.json"]
+    files = [study / name for name in ("study.toml", CHOSEN_FILE, "scenes.json")]
     files += finished_files(study / "judgments")
     grids = finished_files(study / "sweep" / "grids", "*.toml")
     files += [file for file in grids if (study / "judgments" / f"{file.stem}.parquet").exists()]

@@ -22,8 +22,9 @@ from pourcast.report.display import readable
 from pourcast.report.methods import methods, provenance
 from pourcast.scenes.liquids.registry import called, colour_of
 from pourcast.statistics.correlation import mean_judgments
+from pourcast.study.chosen import read_chosen
 from pourcast.study.experiments.base import Experiment, published_with_people
-from pourcast.study.folder import how_chosen, study_liquids
+from pourcast.study.folder import study_liquids
 from pourcast.tables import write_table
 
 ONLY_IN_FILES = ("scores", "judgments", "participants")
@@ -113,7 +114,7 @@ def _render(
     }
     return environment.get_template("report.html").render(
         comparison=comparison,
-        stages=how_chosen(comparison.study),
+        chosen=read_chosen(comparison.study),
         experiment=(experiment.heading or experiment.name) if experiment else "own scenes",
         tables=tables,
         figures=[

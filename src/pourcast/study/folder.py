@@ -1,4 +1,6 @@
-"""The study folder: `study.toml` says how it was made, `scenes.json` holds the scenes.
+"""The study folder: `study.toml` says what was asked for, `scenes.json` holds the scenes.
+
+`chosen.json` says how they were drawn and chosen, if they were.
 
 `practice.json` holds those that participants practise with, and no model is compared on.
 """
@@ -19,6 +21,7 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import known_liquids, liquid_from
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes, write_scenes
+from pourcast.study.chosen import how_chosen, read_chosen, write_chosen
 from pourcast.study.experiments.base import Experiment
 from pourcast.study.experiments.registry import EXPERIMENTS, experiment_like
 from pourcast.study.selection import SceneChoice, Selection, filtered_scenes
@@ -188,7 +191,7 @@ def new_study(folder: Path, request: SceneRequest, report: Report = no_report) -
     except InputError:  # Asked otherwise, it may go: nothing is to be gone on with.
         (folder / STUDY_FILE).unlink()
         raise
-    write_scenes(folder / "scenes.json", selection.scenes)
+    _write_selection(folder, request, selection)
     if request.practice:
         experiment = EXPERIMENTS.get(request.experiment)
         practice = generate_practice(experiment, request.practice, request.seed, report)
@@ -223,8 +226,21 @@ def open_study(folder: Path, request: SceneRequest, report: Report = no_report) 
     ):
         raise InputError(f"{path}: the study was made with other settings; choose another folder")
     if not (folder / "scenes.json").is_file():
-        write_scenes(folder / "scenes.json", generate_scenes(request, report).scenes)
+        _write_selection(folder, request, generate_scenes(request, report))
+    chosen, family = read_chosen(folder), EXPERIMENTS.get(request.experiment).family
+    if chosen is None or not chosen.same_rules(family, request.choice):
+        raise InputError(
+            f"{folder / 'scenes.json'}: drawn by other rules than those of {request.experiment} "
+            "today; choose another folder"
+        )
     return read_scenes(folder / "scenes.json")
+
+
+def _write_selection(folder: Path, request: SceneRequest, selection: Selection) -> None:
+    """Scenes last: where they are, all that is said of them is there too."""
+    family = EXPERIMENTS.get(request.experiment).family
+    write_chosen(folder, how_chosen(family, request.choice, selection))
+    write_scenes(folder / "scenes.json", selection.scenes)
 
 
 def _study_toml(request: SceneRequest) -> str:
@@ -245,20 +261,6 @@ def _study_toml(request: SceneRequest) -> str:
     if request.quick and request.choice != replace(request, quick=False).choice:
         lines.append("quick = true")
     return "\n".join(lines) + "\n"
-
-
-def how_chosen(folder: Path) -> tuple[tuple[str, str], ...]:
-    """Stages by which a study's scenes were chosen; none for scenes of one's own.
-
-    Raises
-    ------
-    InputError
-        If `study.toml` is wrong, or names an experiment that is not there.
-    """
-    said = read_study_file(folder)
-    if said.experiment is None or said.generated is None:
-        return ()
-    return SceneRequest(said.experiment, **said.generated.model_dump()).choice.stages
 
 
 def read_study_file(folder: Path) -> StudyFile:

@@ -21,6 +21,7 @@ from pourcast.experiment.data.tables import (
 )
 from pourcast.experiment.design.settings import Design
 from pourcast.files import check_empty, make_private_folder, write_text
+from pourcast.study.chosen import CHOSEN_FILE
 
 _README = """# {title}
 
@@ -30,6 +31,7 @@ Yildirim, Tenenbaum and Battaglia (2019), https://doi.org/10.1371/journal.pcbi.1
 - `data/study-{study}_description-trials_data.csv`: a row a judgment
 - `data/study-{study}_description-participants_data.csv`: a row a session
 - `materials/scenes.json`, `materials/practice.json`: the scenes that were shown
+- `materials/chosen.json`: how they were drawn and chosen, if pourcast drew them
 - `materials/experiment.toml`: the design
 
 `dataset_description.json` describes every column. Before you publish this: add its fields
@@ -80,7 +82,7 @@ def write_psych_ds(
         path = folder / "data" / f"study-{name}_description-{what}_data.csv"
         write_csv(path, table, private=private)
         written.append(path)
-    for material in ("scenes.json", "practice.json", "experiment.toml"):
+    for material in ("scenes.json", "practice.json", CHOSEN_FILE, "experiment.toml"):
         if (study / material).is_file():
             path = folder / "materials" / material
             text = (study / material).read_text(encoding="utf-8")
