@@ -1,10 +1,10 @@
 """What a model predicts of a scene, as far as it can be pictured: a pour, a film, or paths."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import attrgetter
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,8 @@ from pourcast.scenes.scene import Scene
 from pourcast.simulation.memory import REMEMBERED, outcomes_of
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.settings import EngineSettings
+
+K = TypeVar("K", bound=Hashable)
 
 _MARBLE = (0.45, 0.30, 0.62)
 
@@ -79,32 +81,68 @@ def make_predictions(
     report
         Told of the progress.
     """
-    models = [make_model(spec, own) for spec in specs]
+    (predictions,) = predictions_of_all([scene], specs, [liquid], seed, own, report=report)
+    return predictions
+
+
+def predictions_of_all(
+    scenes: Sequence[Scene],
+    specs: Sequence[str],
+    liquids: Sequence[Liquid],
+    seed: int = 0,
+    own: Sequence[Liquid] = (),
+    *,
+    report: Report = no_report,
+) -> list[list[PredictedPour | PredictedPaths]]:
+    """The same for many scenes, all pours of which run in one queue.
+
+    Parameters
+    ----------
+    scenes
+        The scenes.
+    specs, seed, own, report
+        See `make_predictions`.
+    liquids
+        For each scene the liquid that is shown in its trial.
+
+    Returns
+    -------
+    list of list of Prediction
+        For each scene those of all models.
+    """
+    models = {spec: make_model(spec, own) for spec in specs}
+    asked = [
+        (spec, scene, liquid)
+        for scene, liquid in zip(scenes, liquids, strict=True)
+        for spec in specs
+    ]
     requests = [
-        JudgmentRequest(spec, model, [scene], liquid)
-        for spec, model in zip(specs, models, strict=True)
+        JudgmentRequest(spec, models[spec], [scene], liquid) for spec, scene, liquid in asked
     ]
     judged = judge_together(requests, seed, record=specs, report=report)
     typical = {
-        spec: typical_pour(list(model.pours(scene, liquid, seed)))
-        for spec, model in zip(specs, models, strict=True)
-        if isinstance(model, SimulationModel)
+        number: typical_pour(list(model.pours(scene, liquid, seed)))
+        for number, (spec, scene, liquid) in enumerate(asked)
+        if isinstance(model := models[spec], SimulationModel)
     }
     poured = predict_pours(typical, progress=partial(report, "recording"))
-    return [
-        replace(poured[spec], judgment=float(judgments[0]))
-        if spec in poured
-        else _told_by(model, Prediction(spec, float(judgments[0]), liquid.rgb), scene, seed)
-        for spec, model, judgments in zip(specs, models, judged, strict=True)
-    ]
+    told: list[PredictedPour | PredictedPaths] = []
+    for number, ((spec, scene, liquid), (judgment,)) in enumerate(zip(asked, judged, strict=True)):
+        said = Prediction(spec, float(judgment), liquid.rgb)
+        if number in poured:
+            told.append(replace(poured[number], name=spec, judgment=said.judgment))
+        else:
+            told.append(_told_by(models[spec], said, scene, seed))
+    count = len(specs)
+    return [told[number * count : (number + 1) * count] for number in range(len(scenes))]
 
 
 def predict_pours(
-    pours: Mapping[str, Pour],
+    pours: Mapping[K, Pour],
     *,
     settings: EngineSettings | None = None,
     progress: Progress = no_progress,
-) -> dict[str, PredictedPour]:
+) -> dict[K, PredictedPour]:
     """Record pours, each as a prediction of its own.
 
     Parameters
@@ -127,7 +165,9 @@ def predict_pours(
     predictions = {}
     for (name, pour), (judgment, frames) in zip(pours.items(), ends, strict=True):
         colour = _MARBLE if pour.kind == "marbles" else pour.liquid.rgb
-        predictions[name] = PredictedPour(name, judgment, colour, frames, pour.spacing, pour.kind)
+        predictions[name] = PredictedPour(
+            str(name), judgment, colour, frames, pour.spacing, pour.kind
+        )
     return predictions
 
 

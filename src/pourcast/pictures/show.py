@@ -19,7 +19,7 @@ from pourcast.pictures.panels import (
     page_figure,
     scene_figure,
 )
-from pourcast.pictures.predictions import Prediction, make_predictions
+from pourcast.pictures.predictions import Prediction, make_predictions, predictions_of_all
 from pourcast.pictures.video import FRAME_RATE, write_film, write_gif
 from pourcast.progress import Progress, Report, no_report
 from pourcast.scenes.liquids.base import Liquid
@@ -115,7 +115,7 @@ def show_all(
     models, liquid, seed, own
         See `show`.
     report
-        Told of the scenes that are done.
+        Told of the progress.
 
     Returns
     -------
@@ -134,11 +134,8 @@ def show_all(
     if not models:
         raise InputError(f"{path}: a page of all scenes needs at least one --model")
     check_writable(path)
-    predictions = []
-    for done, scene in enumerate(scenes):
-        report("looking at scenes", done, len(scenes))
-        trial_liquid = resolve_liquid(liquid, scene, own)
-        predictions.append(make_predictions(scene, models, trial_liquid, seed, own))
+    liquids = [resolve_liquid(liquid, scene, own) for scene in scenes]
+    predictions = predictions_of_all(scenes, models, liquids, seed, own, report=report)
     with replacing(path) as temporary:
         _save_picture(page_figure(scenes, predictions), temporary)
     return [list(row) for row in predictions]

@@ -16,6 +16,7 @@ SETTINGS = EngineSettings(
     contact_radius=0.5,
     contact_layer=0.1,
     viscous_pairs="approaching",
+    marble_radius=0.5,
     damping_scale=1.0,
     dimensions=3,
 )
