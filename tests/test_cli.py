@@ -101,11 +101,11 @@ def test_practice_scenes_are_others_and_leave_the_scenes_as_they_are(tmp_path):
 def test_a_study_folder_stands_for_its_scenes(tmp_path, capsys):
     study = tmp_path / "study"
     assert call("new", "exp1", study, "-n", 2, "--seed", 3) == 0
-    assert listing(study) == ["practice.json", "scenes.json", "study.toml"]
+    assert listing(study) == ["chosen.json", "practice.json", "scenes.json", "study.toml"]
     assert call("predict", study, "-m", "gravity") == 0
     assert call("new", "exp1", study, "-n", 2) == 2
     assert "not an empty folder" in capsys.readouterr().err
-    assert listing(study) == ["practice.json", "scenes.json", "study.toml"]
+    assert listing(study) == ["chosen.json", "practice.json", "scenes.json", "study.toml"]
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])
