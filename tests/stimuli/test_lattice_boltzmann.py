@@ -524,6 +524,35 @@ def test_a_slanted_face_takes_less_the_finer_the_cells():
         assert lost[0] < most
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [15, 30, 45])
+def test_a_jet_on_a_slanted_plate_parts_by_its_momentum(degrees):
+    # Without gravity or friction (1 + sin(angle)) / 2 of it goes down (Lamb 1932, section 76); found
+    # within 0.03, with 8 and 16 cells across the jet.
+    width, length, angle = 8, 10, np.radians(degrees)
+    side = 14 * width
+    middle = side * np.tan(angle) + 4.0
+    shape = (2 * side, int(middle) + side + (length + 2) * width, 3)
+    x, y = np.meshgrid(*(np.arange(n) + 0.5 for n in shape[:2]), indexing="ij")
+    above = (y - middle + np.tan(angle) * (x - side)) * np.cos(angle)
+    along = (x - side) * np.cos(angle) - (y - middle) * np.sin(angle)
+    jet = (np.abs(x - side) < width / 2) & (np.abs(y - middle - 6 * width) < length / 2 * width)
+    fill, solid = (np.repeat(plane[..., None], 3, axis=2) for plane in (jet * 1.0, above < 0))
+    velocity = np.zeros((3, *shape))
+    velocity[1] = -fill
+    normal = wall_normals(shape, periodic=(False, False, True))
+    normal[2, 1:-1, 1:-1, [0, -1]] = 1.0
+    normal[:, with_margin(solid)] = np.array([[np.sin(angle)], [np.cos(angle)], [0.0]])
+    flow = LatticeFlow(
+        fill, solid, cell=0.002, viscosity=WATER, velocity=velocity, normal=normal,
+        gravity=(0.0, 0.0, 0.0),
+    )  # fmt: skip
+    flow.advance((length + 3) * width * flow.cell)
+    mass = flow.grid("mass")
+    down = mass[along > 0].sum() / mass.sum()
+    assert down == pytest.approx((1.0 + np.sin(angle)) / 2.0, abs=0.04)
+
+
 # Broken flows ------------------------------------------------------------------------
 
 
