@@ -1,44 +1,101 @@
 """How far the stimuli's solver and the particle engine's ground truths agree.
 
-Makes the table of `docs/reference/stimulus-truth.md`:
+    python -m benchmarks.stimulus_truth FOLDER [--scenes 40] [--seed 1] [--cells 40 60 100 150]
 
-    python -m benchmarks.stimulus_truth [scenes] [cells ...] > table.md
-
-Every scene is poured by the lattice-Boltzmann solver at several resolutions (by default 60, 100
-and 150 cells), as water and as honey, and judged by the particle engine's ground truths.
+makes the table of `docs/reference/stimulus-truth.md`: scenes of Experiment 1 as it stands, each
+poured by the lattice-Boltzmann solver at every resolution, as water and as honey, for the film's
+length, and judged by the ground truths. FOLDER keeps each outcome as it comes: the same command
+goes on after an interruption, and pours only what another scene, liquid or code makes new.
 """
 
-import sys
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+import argparse
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pourcast.cli.terminal import progress_bar, resumable
 from pourcast.cores import available_cores
 from pourcast.prediction import predict
+from pourcast.progress import Report, no_report
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.simulation.versions import code_version
 from pourcast.stimuli.solvers.lbm import LatticeBoltzmann, pour_to_end
 from pourcast.study.folder import SceneRequest, generate_scenes
 
 Array = NDArray[np.float64]
 
-RESOLUTIONS = (60, 100, 150)
+RESOLUTIONS = (40, 60, 100, 150)
 LIQUIDS = ("water", "honey")
-STANDARD = 100
-"""Resolution with which the others are compared."""
 TRUTHS = ("truth-water", "truth-honey")
 
 Key = tuple[str, int]
+"""A liquid's name, and cells along the longest side."""
 
 
-def outcome(work: tuple[Scene, Key]) -> tuple[float, float]:
-    """Outcome, and what is stranded, of a pour."""
-    scene, (name, resolution) = work
-    liquid = resolve_liquid(name, scene)
-    solver = LatticeBoltzmann(resolution=resolution)
-    return pour_to_end(scene, liquid, solver, liquid.film_seconds)
+@dataclass(frozen=True)
+class Film:
+    """A pour to be made."""
+
+    scene: Scene
+    liquid: Liquid
+    solver: LatticeBoltzmann
+
+    @property
+    def digest(self) -> str:
+        """All that its outcome depends on, the solver's code included, in 12 digits."""
+        content = [
+            self.scene.digest,
+            self.solver.model_dump(),
+            self.solver.liquid_identity(self.liquid),
+            self.liquid.film_seconds,
+            code_version(("pourcast.stimuli.solvers.lbm",)),
+        ]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+
+    def outcome(self) -> tuple[float, float]:
+        """Outcome and stranded share; see `pour_to_end`."""
+        return pour_to_end(self.scene, self.liquid, self.solver, self.liquid.film_seconds)
+
+
+def outcomes_in(folder: Path) -> dict[str, tuple[float, float]]:
+    """What a folder keeps, by films' digests."""
+    path = folder / "outcomes.jsonl"
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    # The last line may have been cut off by an interruption.
+    whole = [json.loads(line) for line in lines if line.endswith("}")]
+    return {row["film"]: (row["outcome"], row["stranded"]) for row in whole}
+
+
+def pour_missing(films: Sequence[Film], folder: Path, report: Report = no_report) -> None:
+    """Pour what the folder doesn't keep yet, the long films first, on all cores."""
+    folder.mkdir(parents=True, exist_ok=True)
+    known = outcomes_in(folder)
+    missing = {film.digest: film for film in films if film.digest not in known}
+    by_length = sorted(missing.items(), key=lambda item: -item[1].solver.resolution)
+    with (
+        ProcessPoolExecutor(available_cores()) as pool,
+        (folder / "outcomes.jsonl").open("a", encoding="utf-8") as lines,
+    ):
+        work = {pool.submit(film.outcome): digest for digest, film in by_length}
+        try:
+            for done, future in enumerate(as_completed(work), start=1):
+                outcome, stranded = future.result()
+                row = {"film": work[future], "outcome": outcome, "stranded": stranded}
+                # On a line of its own, even where the one before was cut off.
+                lines.write(f"\n{json.dumps(row)}")
+                lines.flush()
+                report("pouring films", done, len(work))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def judged(scenes: Sequence[Scene]) -> dict[str, Array]:
@@ -55,35 +112,51 @@ def r(one: Array, other: Array) -> str:
     return f"{np.corrcoef(one, other)[0, 1]:.2f}"
 
 
-def difference(one: Array, other: Array) -> str:
-    return f"{np.abs(one - other).mean():.2f}"
+def rows(
+    ends: Mapping[Key, Array], truths: Mapping[str, Array], resolutions: Sequence[int]
+) -> list[list[str]]:
+    """Rows of the table; `ends` has outcome and stranded share of each scene in its columns."""
+    finest = resolutions[-1]
+    head = ["film", "cells", *(f"r, {name}" for name in TRUTHS), "mean difference, own truth"]
+    head += [f"r, {finest} cells", "r, water film", "mean (SD)", "stranded"]
+    table = [head]
+    for (name, cells), end in ends.items():
+        own, stranded = end.T
+        row = [name, str(cells), *(r(own, truths[truth]) for truth in TRUTHS)]
+        row += [f"{np.abs(own - truths[f'truth-{name}']).mean():.2f}"]
+        row += [r(own, ends[name, finest][:, 0]), r(own, ends["water", cells][:, 0])]
+        row += [f"{own.mean():.2f} ({own.std():.2f})", f"{stranded.mean():.2f}"]
+        table.append(row)
+    return table
 
 
-def main(count: int, resolutions: Sequence[int]) -> None:
-    scenes = generate_scenes(SceneRequest("exp1", count, 1)).scenes
-    truths = judged(scenes)
-    keys = [(name, n) for name in LIQUIDS for n in resolutions]
-    with ProcessPoolExecutor(available_cores()) as pool:
-        shares = np.array(list(pool.map(outcome, [(s, key) for key in keys for s in scenes])))
-    outcomes = dict(zip(keys, shares[:, 0].reshape(len(keys), -1), strict=True))
-    stranded = dict(zip(keys, shares[:, 1].reshape(len(keys), -1).mean(axis=1), strict=True))
-    print(f"{count} scenes of Experiment 1 (`pourcast scenes exp1 -n {count} --seed 1`).\n")
-    head = ["lattice Boltzmann", "cells", *(f"r, {name}" for name in TRUTHS)]
-    head += [f"mean difference, {name}" for name in TRUTHS]
-    head += [f"r, {STANDARD} cells", "r, water", "mean (SD)", "stranded"]
-    print("|", " | ".join(head), "|\n|", " | ".join("---" for _ in head), "|")
-    for (name, n), own in outcomes.items():
-        row = [r(own, truths[truth]) for truth in TRUTHS]
-        row += [difference(own, truths[truth]) for truth in TRUTHS]
-        standard = outcomes.get((name, STANDARD))
-        row += [r(own, standard) if standard is not None else "", r(own, outcomes["water", n])]
-        row += [f"{own.mean():.2f} ({own.std():.2f})", f"{stranded[name, n]:.2f}"]
-        print("|", " | ".join([name, str(n), *row]), "|", flush=True)
-    water, honey = (truths[name] for name in TRUTHS)
-    print(f"\nThe truths among themselves: r {r(water, honey)}, ", end="")
-    print(f"mean difference {difference(water, honey)}.")
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="keeps outcomes")
+    parser.add_argument("-n", "--scenes", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cells", type=int, nargs="+", default=list(RESOLUTIONS))
+    chosen = parser.parse_args()
+    scenes = generate_scenes(SceneRequest("exp1", chosen.scenes, chosen.seed)).scenes
+    solvers = {cells: LatticeBoltzmann(resolution=cells) for cells in sorted(chosen.cells)}
+    films = {
+        (name, cells): [Film(scene, resolve_liquid(name, scene), solver) for scene in scenes]
+        for name in LIQUIDS
+        for cells, solver in solvers.items()
+    }
+    with resumable(chosen.folder), progress_bar() as report:
+        pour_missing([film for row in films.values() for film in row], chosen.folder, report)
+    known, truths = outcomes_in(chosen.folder), judged(scenes)
+    ends = {key: np.array([known[film.digest] for film in row]) for key, row in films.items()}
+    print(
+        f"{chosen.scenes} scenes of Experiment 1 (`pourcast scenes exp1 -n {chosen.scenes} --seed "
+        f"{chosen.seed}`). The truths among themselves: r {r(*truths.values())}.\n"
+    )
+    head, *others = rows(ends, truths, list(solvers))
+    for row in (head, ["---"] * len(head), *others):
+        print(f"| {' | '.join(row)} |")
 
 
 if __name__ == "__main__":
-    scene_count, *cells = (int(word) for word in sys.argv[1:] or ["40"])
-    main(scene_count, cells or RESOLUTIONS)
+    main()

@@ -47,6 +47,9 @@ from pourcast.stimuli.lattice_boltzmann.lattice import (
 TOP_SPEED = 0.3
 """No cell's speed goes beyond this [cells per step]; the time step is chosen to stay well below."""
 
+_LEAVING = 0.1
+"""Sine of the angle to a no-slip wall from which on liquid leaves it."""
+
 MOMENTS = N_DIRECTIONS
 FORCE = MOMENTS + 4
 LIMIT = FORCE + 3
@@ -154,7 +157,8 @@ def _pull_at_wall(cell: int, lane: int, cells: Any, before: Any, scratch: Any, f
     _drag(cell, lane, cells, scratch, flow)
     if links > 0:
         _slide(cell, lane, cells, links, scratch, flow)
-        _adhere(lane, links, scratch, flow.adhesion)
+    if flow.adhesion > 0.0:
+        _adhere(cell, lane, cells, scratch, flow.adhesion)
 
 
 @kernel
@@ -195,18 +199,20 @@ def _gained(
 def leaves(i: int, cell: int, cells: Any) -> Any:
     """Whether liquid moves away from the wall that population `i` comes from.
 
-    A wall that lets liquid slip has no hold on it then, once the gas gets between
-    (`interface.ventilates`). Else the wall would suck: liquid that shoots over an edge would turn
-    round it.
+    A wall has no hold on it then, once the gas gets between (`interface.ventilates`). Else the wall
+    would suck: water that shoots over an edge would turn round it, and honey creep along undersides
+    that it never wetted.
     """
     wall = cell - cells.offsets[i]
-    if cells.flags[wall] != SOLID or cells.slip[wall] < 1.0:
+    if cells.flags[wall] != SOLID:
         return False
     nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
-    across = nx * cells.velocity[0, cell] + ny * cells.velocity[1, cell]
-    across += nz * cells.velocity[2, cell]
+    ux, uy, uz = cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell]
+    across = nx * ux + ny * uy + nz * uz
     outwards = nx * _C[i, 0] + ny * _C[i, 1] + nz * _C[i, 2]
-    return across * outwards > 0.0
+    # Beside a wall that holds liquid, what moves along it is not taken for leaving.
+    least = _LEAVING * (1.0 - cells.slip[wall]) * np.sqrt(ux * ux + uy * uy + uz * uz)
+    return across * outwards > least * abs(outwards)
 
 
 @kernel
@@ -272,14 +278,14 @@ def _drag(cell: int, lane: int, cells: Any, scratch: Any, flow: Any) -> None:
 
 
 @kernel
-def _adhere(lane: int, links: int, scratch: Any, adhesion: float) -> None:
-    """Accelerate a cell towards the walls that it touches."""
+def _adhere(cell: int, lane: int, cells: Any, scratch: Any, adhesion: float) -> None:
+    """Accelerate a cell towards the walls beside it."""
     x, y, z = 0.0, 0.0, 0.0
-    for k in range(links):
-        i = int(scratch[LINKS + k, lane])
-        x -= WEIGHT[i] * _C[i, 0]
-        y -= WEIGHT[i] * _C[i, 1]
-        z -= WEIGHT[i] * _C[i, 2]
+    for i in range(1, N_DIRECTIONS):
+        if cells.flags[cell - cells.offsets[i]] == SOLID:
+            x -= WEIGHT[i] * _C[i, 0]
+            y -= WEIGHT[i] * _C[i, 1]
+            z -= WEIGHT[i] * _C[i, 2]
     factor = adhesion / np.sqrt(x * x + y * y + z * z + 1e-12)
     scratch[FORCE, lane] += factor * x
     scratch[FORCE + 1, lane] += factor * y

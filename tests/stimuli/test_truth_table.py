@@ -1,0 +1,30 @@
+"""The table of stimuli against truths keeps what it has poured."""
+
+from dataclasses import replace
+
+from benchmarks.stimulus_truth import Film, outcomes_in
+
+from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
+from pourcast.stimuli.solvers.lbm import LatticeBoltzmann
+
+
+def test_what_was_kept_is_known_again_but_for_a_line_that_was_cut_off(tmp_path):
+    assert outcomes_in(tmp_path) == {}
+    (tmp_path / "outcomes.jsonl").write_text(
+        '\n{"film": "a", "outcome": 0.25, "stranded": 0.0}\n{"film": "b", "outco'
+        '\n{"film": "c", "outcome": 1.0, "stranded": 0.5}'
+    )
+    assert outcomes_in(tmp_path) == {"a": (0.25, 0.0), "c": (1.0, 0.5)}
+
+
+def test_films_that_differ_in_scene_liquid_length_or_cells_are_told_apart(ramp):
+    coarse, fine = (LatticeBoltzmann(resolution=cells) for cells in (40, 60))
+    films = [
+        Film(ramp, WATER, coarse),
+        Film(ramp, WATER, fine),
+        Film(ramp.mirrored(), WATER, coarse),
+        Film(ramp, HONEY_EXP1, coarse),
+        Film(ramp, replace(WATER, film_seconds=5.0), coarse),
+    ]
+    assert len({film.digest for film in films}) == len(films)
+    assert Film(ramp, replace(WATER, colour="#000000"), coarse).digest == films[0].digest
