@@ -38,12 +38,20 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=available_cores())
     parser.add_argument("--store", type=Path, required=True, help="folder of all results")
+    parser.add_argument(
+        "--hold",
+        nargs="*",
+        default=[],
+        metavar="CHOICE=VALUE",
+        help="choices that the recommended point is to have a value of",
+    )
     parser.add_argument("--check", type=Path, nargs="*", help="points to be measured, as TOML")
     parser.add_argument("--seeds", type=int, default=3, help="sets of scenes of a check")
     given = parser.parse_args(words)
     begin = time.monotonic()
     try:
         if given.check is None:
+            held = space.read_held(given.hold)
             later = given.later_points or given.points
             request = Request(
                 given.waves, given.points, later, given.scenes, given.seed, given.workers
@@ -51,7 +59,7 @@ def main(words: list[str] | None = None) -> int:
             # Emulators are small: threads that wait for one another cost more than they give.
             with progress_bar() as report, threadpool_limits(1):
                 left, last = run_waves(request, given.store, report)
-                print(write_report(left, last, request, given.store))
+                print(write_report(left, last, request, given.store, held))
         else:
             points = {"the product as it stands": space.product_point()}
             points |= {str(path.stem): space.read_point(path) for path in given.check}

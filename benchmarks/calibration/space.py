@@ -6,7 +6,7 @@ that the paper gives (N, alpha, zeta, sigma, area of the obstacles) are no choic
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -261,6 +261,30 @@ def read_point(path: Path) -> dict[str, Value]:
     except TypeError as error:
         raise InputError(f"{path}: a number is a word, or a word a number ({error})") from None
     return point
+
+
+def read_held(words: Sequence[str]) -> dict[str, Value]:
+    """Choices that are held, from words such as ``water.cohesion=0``.
+
+    Raises
+    ------
+    InputError
+        If there is no such choice, or its value is no number within its range.
+    """
+    choices, held = {choice.name: choice for choice in CHOICES}, dict[str, Value]()
+    for word in words:
+        name, _, text = word.partition("=")
+        if name not in choices:
+            raise InputError(f"hold: {unknown(name, list(choices))}")
+        low, high = choices[name].low, choices[name].high
+        try:
+            held[name] = float(text)
+            within = low <= float(text) <= high
+        except ValueError:
+            within = False
+        if not within:
+            raise InputError(f"hold: {name}: expected {low:g} to {high:g}, found {text!r}")
+    return held
 
 
 def point_text(point: Point) -> str:

@@ -113,3 +113,14 @@ def test_the_recommended_point_is_rounded_and_of_the_region(measured, tmp_path):
     assert limit(space.place_of(best.point)[None]) <= 1.1 * wave.whole.cutoff
     for choice in space.CHOICES:
         assert choice.rounded(best.point[choice.name]) == best.point[choice.name]
+
+
+def test_a_choice_can_be_held(measured, tmp_path):
+    _, wave = run_waves(REQUEST, tmp_path)
+    held = space.read_held(["water.cohesion=0", "family.cell_count=99"])
+    best = report.recommend(wave, held)
+    assert best.point["water.cohesion"] == 0.0
+    assert best.point["family.cell_count"] == 99
+    for word in ("water.colour=1", "water.cohesion=", "water.cohesion=2", "water.cohesion=much"):
+        with pytest.raises(InputError, match=r"^hold: "):
+            space.read_held([word])
