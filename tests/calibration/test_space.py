@@ -1,5 +1,7 @@
 """Open choices, and what a point means."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from benchmarks.calibration import space
@@ -25,6 +27,13 @@ def test_every_place_of_the_range_can_be_simulated(choice):
 
 def test_the_product_lies_within_the_space():
     place = space.place_of({})
+    assert ((place >= 0.0) & (place <= 1.0)).all()
+
+
+def test_the_recommended_point_names_every_choice_and_lies_within_the_space():
+    point = space.read_point(Path(space.__file__).with_name("recommended.toml"))
+    assert set(point) == {choice.name for choice in CHOICES}
+    place = space.place_of(point)
     assert ((place >= 0.0) & (place <= 1.0)).all()
 
 
