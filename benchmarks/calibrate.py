@@ -43,7 +43,7 @@ def main(words: list[str] | None = None) -> int:
         nargs="*",
         default=[],
         metavar="CHOICE=VALUE",
-        help="choices that the recommended point is to have a value of",
+        help="choices with a value that later waves and the recommended point are to have",
     )
     parser.add_argument("--check", type=Path, nargs="*", help="points to be measured, as TOML")
     parser.add_argument("--seeds", type=int, default=3, help="sets of scenes of a check")
@@ -54,12 +54,12 @@ def main(words: list[str] | None = None) -> int:
             held = space.read_held(given.hold)
             later = given.later_points or given.points
             request = Request(
-                given.waves, given.points, later, given.scenes, given.seed, given.workers
+                given.waves, given.points, later, given.scenes, given.seed, given.workers, held
             )
             # Emulators are small: threads that wait for one another cost more than they give.
             with progress_bar() as report, threadpool_limits(1):
                 left, last = run_waves(request, given.store, report)
-                print(write_report(left, last, request, given.store, held))
+                print(write_report(left, last, request, given.store))
         else:
             points = {"the product as it stands": space.product_point()}
             points |= {str(path.stem): space.read_point(path) for path in given.check}

@@ -156,16 +156,6 @@ def _largest(wave: Wave) -> Statistic:
     return statistic_of(wave.emulators, wave.targets, 1, variances=False)
 
 
-def _holding(places: Array, held: space.Point) -> Array:
-    """The places, moved to where the choices that are held have their values."""
-    names = [choice.name for choice in space.CHOICES]
-    for name, value in held.items():
-        number = names.index(name)
-        places = places.copy()
-        places[:, number] = space.CHOICES[number].unit(value)
-    return places
-
-
 def _candidates(wave: Wave, held: space.Point) -> Array:
     """Places among which one is recommended: not ruled out, and of the smallest misses."""
     pairs = zip(wave.emulators, wave.targets, strict=True)
@@ -174,13 +164,13 @@ def _candidates(wave: Wave, held: space.Point) -> Array:
     largest = _largest(wave)
 
     def miss(anywhere: Array) -> Array:
-        places = _holding(anywhere, held)
+        places = space.holding(anywhere, held)
         misses = _miss(expected_misses(places, emulators, wanted), wanted, "correlation")
         return misses + 100.0 * (largest(places) > CUTOFF)
 
     dimensions = len(space.CHOICES)
     best = region(miss, dimensions, wave.number, cutoff=0.0, most_levels=CANDIDATE_LEVELS)
-    return _holding(best.places[:CANDIDATES], held)
+    return space.holding(best.places[:CANDIDATES], held)
 
 
 def _rounded(place: Array) -> dict[str, space.Value]:
@@ -226,10 +216,7 @@ def trade_off(wave: Wave, seed: int) -> TradeOff:
     return TradeOff(ratio, gap, front)
 
 
-def write_report(
-    left: Sequence[Left], last: Wave, request: Request, store: Path,
-    held: space.Point | None = None,
-) -> str:  # fmt: skip
+def write_report(left: Sequence[Left], last: Wave, request: Request, store: Path) -> str:
     """Write the report, its figures, and the recommended point; returns the report.
 
     Parameters
@@ -240,10 +227,8 @@ def write_report(
         What was asked.
     store
         Folder of the results.
-    held
-        Choices that the recommended point is to have a value of.
     """
-    matters, best = sensitivity(last, request.seed), recommend(last, held)
+    matters, best = sensitivity(last, request.seed), recommend(last, request.held)
     curve = trade_off(last, request.seed)
     write_text(store / "recommended.toml", space.point_text(best.point))
     with mpl.rc_context(RC):

@@ -263,6 +263,15 @@ def read_point(path: Path) -> dict[str, Value]:
     return point
 
 
+def holding(places: Array, held: Point) -> Array:
+    """Places of the unit cube, moved to where the choices that are held have their values."""
+    moved = places.copy()
+    for number, choice in enumerate(CHOICES):
+        if choice.name in held:
+            moved[:, number] = choice.unit(held[choice.name])
+    return moved
+
+
 def read_held(words: Sequence[str]) -> dict[str, Value]:
     """Choices that are held, from words such as ``water.cohesion=0``.
 

@@ -9,7 +9,7 @@ A store's folder holds all of it, and whatever is there is not done again:
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +59,9 @@ class Request:
         Source of all randomness.
     workers
         Points that are measured at a time; results don't depend on it.
+    held
+        Choices that later waves are drawn at a value of. Waves that the store has are not drawn
+        again: hold from any wave on.
     """
 
     waves: int = 3
@@ -67,6 +70,7 @@ class Request:
     scenes: int = 30
     seed: int = 1
     workers: int = 1
+    held: space.Point = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -223,14 +227,22 @@ def _design(request: Request, number: int, last: Wave | None) -> Array:
         (last.correlated, False, request.later_points - half),
     ):
         places = left.places
-        if left.volume > MUCH:
-            largest = statistic_of(last.emulators, last.targets, 1, variances=variances)
-            dimensions = len(space.CHOICES)
-            places = region(
-                largest, dimensions, seed, cutoff=0.0, most_levels=PROMISING_LEVELS
-            ).places
+        if left.volume > MUCH or request.held:
+            places = _promising(last, request.held, seed, variances=variances)
         chosen.append(spread_out(places, count, seed))
     return np.concatenate(chosen)
+
+
+def _promising(last: Wave, held: space.Point, seed: int, *, variances: bool) -> Array:
+    """Places where the largest implausibility is least, of those that have what is held."""
+    largest = statistic_of(last.emulators, last.targets, 1, variances=variances)
+
+    def statistic(places: Array) -> Array:
+        return largest(space.holding(places, held))
+
+    dimensions = len(space.CHOICES)
+    least = region(statistic, dimensions, seed, cutoff=0.0, most_levels=PROMISING_LEVELS)
+    return space.holding(least.places, held)
 
 
 def pooled_sampling(measured: Sequence[Measured]) -> dict[str, float]:

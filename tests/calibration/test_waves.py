@@ -115,9 +115,15 @@ def test_the_recommended_point_is_rounded_and_of_the_region(measured, tmp_path):
         assert choice.rounded(best.point[choice.name]) == best.point[choice.name]
 
 
-def test_a_choice_can_be_held(measured, tmp_path):
-    _, wave = run_waves(REQUEST, tmp_path)
+def test_a_choice_can_be_held_from_any_wave_on(measured, tmp_path):
     held = space.read_held(["water.cohesion=0", "family.cell_count=99"])
+    run_waves(replace(REQUEST, waves=1), tmp_path)
+    first = (tmp_path / "wave-1.json").read_bytes()
+    _, wave = run_waves(replace(REQUEST, held=held), tmp_path)
+    assert (tmp_path / "wave-1.json").read_bytes() == first
+    later = [space.point_at(place) for place in wave.places[12:]]
+    assert len(later) == 8
+    assert all((p["water.cohesion"], p["family.cell_count"]) == (0.0, 99) for p in later)
     best = report.recommend(wave, held)
     assert best.point["water.cohesion"] == 0.0
     assert best.point["family.cell_count"] == 99
