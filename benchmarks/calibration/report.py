@@ -11,11 +11,6 @@ The rule for the recommended point, written down before the search that it was u
    `EQUAL` times the smallest are equally good: of these, the one with the smallest miss of the
    three variances, as they can't all be met together with the correlations (`TradeOff`).
 
-Nothing was held at first. The point that this gave (cohesion of water 0.0099) met the ten
-correlations, but its pours of water are chaotic: a start moved by 0.1 mm changes a judgment by .03,
-three times as much as without cohesion. So water's cohesion is held at 0, where its effect on the
-correlations is less than emulators can tell.
-
 An earlier search, of more choices and 12 scenes a point, was judged by other rules, the last of
 which counted correlations and variances alike; the point that it gave failed on fresh scenes.
 """
