@@ -1,11 +1,12 @@
 """What the paper leaves open, by history matching of what it publishes about models alone.
 
-    python -m benchmarks.calibrate --waves 3 --points 60 --scenes 30 --store DIR
+    python -m benchmarks.calibrate --waves 3 --points 40 --scenes 32 --store DIR
 
 draws points of the open choices (`calibration/space.py`), measures each on scenes of its own
 through a store, emulates every output, rules out what is implausible, and draws again in the rest
 (`calibration/matching.py`). DIR keeps everything: the same command goes on after any interruption.
-Writes DIR/report.md, its figures, and DIR/recommended.toml.
+Writes DIR/report.md, its figures, and DIR/recommended.toml. With `--hold water.cohesion=0`, waves
+that are not drawn yet, and the recommended point, have that value.
 
     python -m benchmarks.calibrate --check POINT.toml --seeds 3 --scenes 120 --store DIR
 

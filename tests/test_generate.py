@@ -1,5 +1,7 @@
 """Scene families and the choice among their draws."""
 
+import math
+
 import numpy as np
 import pytest
 import shapely
@@ -187,14 +189,15 @@ def test_a_study_says_how_its_scenes_were_chosen(tmp_path, monkeypatch, few):
     assert read_chosen(tmp_path) is None
     family, stages = EXPERIMENTS.get(few.experiment).family, few.choice.stages
     scenes, left = draws(family, 9), tuple(range(9, 9 - len(stages), -1))
-    selection = Selection(scenes, 9, 9, left, {"correlation of the truths": -0.6})
+    figures = {"correlation of the truths": -0.6, "correlation of the models": math.nan}
+    selection = Selection(scenes, 9, 9, left, figures)
     monkeypatch.setattr(folder, "generate_scenes", lambda *_: selection)
     new_study(tmp_path / "one", few)
     chosen = read_chosen(tmp_path / "one")
     assert [(one.stage, one.how, one.scenes) for one in chosen.stages] == [
         (*words, count) for words, count in zip(stages, left, strict=True)
     ]
-    assert chosen.figures == selection.figures
+    assert chosen.figures == {**figures, "correlation of the models": None}
     assert chosen.family["name"] == family.name
     assert ("quick" in (tmp_path / "one" / "study.toml").read_text()) == (few.candidates == 60)
     assert open_study(tmp_path / "one", few) == scenes

@@ -280,7 +280,8 @@ def read_held(words: Sequence[str]) -> dict[str, Value]:
     InputError
         If there is no such choice, or its value is no number within its range.
     """
-    choices, held = {choice.name: choice for choice in CHOICES}, dict[str, Value]()
+    choices = {choice.name: choice for choice in CHOICES}
+    held: dict[str, Value] = {}
     for word in words:
         name, _, text = word.partition("=")
         if name not in choices:

@@ -69,10 +69,9 @@ def scenes(
 
 
 def _print_selection(selection: Any, choice: Any, path: Path, *, as_json: bool) -> None:
-    chosen = [
-        {"stage": stage, "scenes": left, "how": how}
-        for (stage, how), left in zip(choice.stages, selection.left, strict=True)
-    ]
+    from pourcast.study.chosen import stages_of
+
+    chosen = [one.model_dump() for one in stages_of(choice, selection)]
     if as_json:
         facts = {
             "file": str(path), "scenes": len(selection.scenes), "drawn": selection.drawn,

@@ -4,6 +4,8 @@ What an experiment draws may change from one release to the next; this says what
 older scenes from those that would be drawn today.
 """
 
+import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -25,15 +27,17 @@ class Stage(Frozen):
 
     Parameters
     ----------
-    stage, how
-        What it is called, and what it does.
+    stage
+        What it is called.
     scenes
         How many it left.
+    how
+        What it does.
     """
 
     stage: str
-    how: str
     scenes: int
+    how: str
 
 
 class HowChosen(Frozen):
@@ -48,13 +52,14 @@ class HowChosen(Frozen):
     stages
         From all draws to the scenes chosen.
     figures
-        What the chosen scenes have, by what it is; see `Selection`.
+        What the chosen scenes have, by what it is; see `Selection`. None where there is no such
+        number: scenes that are all judged alike correlate with nothing.
     """
 
     pourcast: str
     family: Mapping[str, Any]
     stages: tuple[Stage, ...]
-    figures: Mapping[str, float] = {}
+    figures: Mapping[str, float | None] = {}
 
     def same_rules(self, family: SceneFamily, choice: SceneChoice) -> bool:
         """Whether these scenes would be drawn and chosen by the same rules."""
@@ -62,17 +67,24 @@ class HowChosen(Frozen):
         return words == choice.stages and dict(self.family) == _statistics(family)
 
 
-def how_chosen(family: SceneFamily, choice: SceneChoice, selection: Selection) -> HowChosen:
-    """What there is to say of a selection that was just made."""
-    stages = tuple(
-        Stage(stage=stage, how=how, scenes=left)
+def stages_of(choice: SceneChoice, selection: Selection) -> tuple[Stage, ...]:
+    """What each stage of a choice that was just made does, and what it left."""
+    return tuple(
+        Stage(stage=stage, scenes=left, how=how)
         for (stage, how), left in zip(choice.stages, selection.left, strict=True)
     )
+
+
+def how_chosen(family: SceneFamily, choice: SceneChoice, selection: Selection) -> HowChosen:
+    """What there is to say of a selection that was just made."""
     return HowChosen(
         pourcast=pourcast.__version__,
         family=_statistics(family),
-        stages=stages,
-        figures=dict(selection.figures),
+        stages=stages_of(choice, selection),
+        figures={
+            words: value if math.isfinite(value) else None
+            for words, value in selection.figures.items()
+        },
     )
 
 
@@ -103,7 +115,5 @@ def read_chosen(folder: Path) -> HowChosen | None:
 def _statistics(family: SceneFamily) -> dict[str, Any]:
     """Fields of a family, as JSON gives them back."""
     fields: Any = family
-    return {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in asdict(fields).items()
-    }
+    statistics: dict[str, Any] = json.loads(json.dumps(asdict(fields), default=str))
+    return statistics

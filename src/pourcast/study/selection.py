@@ -112,7 +112,7 @@ class Selection:
     """Scenes that were drawn in all."""
     kept: int
     """How many of these passed the filter."""
-    left: tuple[int, ...] = ()
+    left: tuple[int, ...]
     """How many were left by each of the choice's `stages`."""
     figures: Mapping[str, float] = field(default_factory=dict)
     """What the chosen scenes have, by what it is: correlations of what they were chosen by, ..."""
