@@ -162,6 +162,22 @@ def test_sweeps(study):
     assert said.endswith("shards are done; the same command goes on from there")
 
 
+SLOW_TO_START = """
+import sys, time
+if "--multiprocessing-fork" in sys.orig_argv:
+    print("a worker starts", file=sys.stderr, flush=True)
+    time.sleep(2)
+"""
+
+
+def test_sweeps_whose_workers_are_just_starting(study, monkeypatch, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(SLOW_TO_START)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    command = pourcast("sweep", study, "--grid", "paper-exp1")
+    said = within_a_second(command, "a worker starts")
+    assert said.endswith("shards are done; the same command goes on from there")
+
+
 @pytest.mark.slow
 def test_comparison(study):
     command = pourcast("compare", study, "-m", "gravity", "--resamples", 1_000_000)

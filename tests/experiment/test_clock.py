@@ -164,11 +164,17 @@ main()
 def test_a_real_server_whose_clock_jumps_by_days(tmp_path):
     design = f"places = 1\nlargest_gap = 5.0\n{EXP1}"
     study, jump = small_study(tmp_path, design=design), tmp_path / "jump"
-    jump.write_text("0")
     told = None
+
+    def set_clock(days):
+        # As a whole: the server reads it all the time.
+        (tmp_path / "next").write_text(str(days * 86400))
+        (tmp_path / "next").replace(jump)
+
+    set_clock(0)
     with ServerProcess(study, run=("-c", JUMPING, str(jump))) as server:
         for days in (5, -5, 400):
-            jump.write_text(str(days * 86400))
+            set_clock(days)
             page = Asker(server)
             told = told or page.begin("request-1")
             refused = {"request": "request-2", "tab": "tab-00000002", "link": {"lab": page.key}}
