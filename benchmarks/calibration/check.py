@@ -2,10 +2,12 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.calibration import chaos
 from benchmarks.calibration.measure import Errand, Measured, measure_all
 from benchmarks.calibration.space import Point, point_text
 from benchmarks.calibration.targets import RIVALS, TRUTHS, VARIANCES, people_bounds
@@ -14,10 +16,26 @@ from pourcast.progress import Report, no_report
 from pourcast.study.experiments.exp1 import PUBLISHED
 
 
+@dataclass(frozen=True)
+class Checked:
+    """A point on one fresh set of scenes.
+
+    Parameters
+    ----------
+    measured
+        What it gave.
+    changes
+        Model that pours -> mean |dJ| of one pour whose start is moved; see `chaos`.
+    """
+
+    measured: Measured
+    changes: dict[str, float]
+
+
 def measure_checks(
     points: Mapping[str, Point], scenes: int, seeds: int, seed: int, folder: Path,
     workers: int, report: Report = no_report,
-) -> dict[str, list[Measured]]:  # fmt: skip
+) -> dict[str, list[Checked]]:  # fmt: skip
     """Measure points on fresh sets of scenes, which no wave has seen.
 
     Parameters
@@ -38,8 +56,12 @@ def measure_checks(
         for point in points.values()
         for k in range(1, seeds + 1)
     ]
-    found = iter(measure_all(errands, workers, report))
-    return {name: [next(found) for _ in range(seeds)] for name in points}
+    found = zip(errands, measure_all(errands, workers, report), strict=True)
+    checked = iter(
+        Checked(one, {} if one.failure else chaos.mean_changes(one.point, errand.folder))
+        for errand, one in found
+    )
+    return {name: [next(checked) for _ in range(seeds)] for name in points}
 
 
 def _name(point: Point, scenes: int) -> str:
@@ -47,16 +69,17 @@ def _name(point: Point, scenes: int) -> str:
     return f"{digest}-{scenes}"
 
 
-def check_table(found: Mapping[str, Sequence[Measured]]) -> str:
+def check_table(found: Mapping[str, Sequence[Checked]]) -> str:
     """Tables in Markdown: ten correlations and three variances, a column for each set of scenes."""
     parts = []
     for name, sets in found.items():
-        failed = [one.failure for one in sets if one.failure]
+        failed = [one.measured.failure for one in sets if one.measured.failure]
         parts.append(f"**{name}**: {failed[0]}" if failed else _table(name, sets))
     return "\n\n".join(parts)
 
 
-def _table(name: str, sets: Sequence[Measured]) -> str:
+def _table(name: str, checked: Sequence[Checked]) -> str:
+    sets = [one.measured for one in checked]
     seeds = [f"set {k}" for k in range(1, len(sets) + 1)]
     lines = [
         f"**{name}**, {sets[0].scenes} scenes in each set",
@@ -88,6 +111,9 @@ def _table(name: str, sets: Sequence[Measured]) -> str:
     for truth in TRUTHS:
         stays = np.array([one.stranded[truth] for one in sets])
         lines.append(_row(f"stranded, {truth}", "", stays, 2))
+    for model in checked[0].changes:
+        changes = np.array([one.changes[model] for one in checked])
+        lines.append(_row(f"mean change, start moved by 0.1 mm, {model}", "", changes, 3))
     lines.append(_row("obstacles", "", np.array([one.obstacles for one in sets]), 1))
     lines.append(_row("kept of those drawn", "", np.array([s.kept / s.drawn for s in sets]), 2))
     table = np.array(gaps)

@@ -7,13 +7,16 @@ import pytest
 from benchmarks import calibrate
 from benchmarks.calibration import measure as measuring
 from benchmarks.calibration import space
-from benchmarks.calibration.check import check_table
+from benchmarks.calibration.chaos import mean_changes
+from benchmarks.calibration.check import Checked, check_table
 from benchmarks.calibration.measure import SECOND_ZETA, dampings_of, measure
 from benchmarks.calibration.targets import MODELS
 
 from pourcast.errors import InputError
 from pourcast.models.ife import IntuitiveFluidsEngine
+from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes
+from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.sweep.store import Store
 
@@ -63,12 +66,31 @@ def test_a_point_is_measured_resumed_and_kept(tmp_path, monkeypatch):
     ends = [end.judgment for end in simulate(pours, settings=here.engine)]
     assert np.allclose(np.reshape(ends, (3, -1)).mean(axis=1), whole.judgments["water-ife"])
     assert set(whole.judgments) == set(MODELS)
-    assert "r(gravity, truth-honey)" in check_table({"it": [whole]})
+    changes = mean_changes(POINT, tmp_path / "whole")
+    assert changes["truth-water"] == pytest.approx(change_by_hand(here, scenes))
+    assert mean_changes(POINT, tmp_path / "whole") == changes
+    said = check_table({"it": [Checked(whole, changes)]})
+    assert "r(gravity, truth-honey)" in said
+    assert f"start moved by 0.1 mm, truth-water |  | {changes['truth-water']:.3f}" in said
 
     monkeypatch.setattr(measuring, "_measure", None)  # What is done is read.
     assert measure(POINT, 3, 7, tmp_path / "whole", SECOND_ZETA) == whole
     with pytest.raises(InputError, match="take another --store"):
         measure(POINT, 3, 8, tmp_path / "whole", SECOND_ZETA)
+
+
+def change_by_hand(here, scenes):
+    """Of the water truth's 200 particles, when the start is 0.1 mm further to the right."""
+
+    def judged(shift):
+        moved = [one.model_dump() for one in scenes]
+        for one in moved:
+            x, y = one["liquid"]["centre"]
+            one["liquid"]["centre"] = (x + shift, y)
+        pours = [Pour(Scene.model_validate(one), here.water, 200) for one in moved]
+        return np.array([end.judgment for end in simulate(pours, settings=here.engine)])
+
+    return np.abs(judged(1e-4) - judged(0.0)).mean()
 
 
 def test_a_point_that_breaks_says_so_and_hurts_no_other(tmp_path):

@@ -1,0 +1,63 @@
+"""How far a point's judgments hang on next to nothing: the start is moved by a tenth of a mm."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.calibration.measure import LIQUID_OF
+from benchmarks.calibration.space import HONEY_NAME, Point, World, world
+from pourcast.files import write_text
+from pourcast.models.registry import presets
+from pourcast.scenes.scene import Scene
+from pourcast.scenes.scene_file import read_scenes
+from pourcast.simulation.pour import Pour
+from pourcast.simulation.run import simulate
+
+SHIFT = 1e-4
+"""[m]"""
+
+DONE = "chaos.json"
+
+
+def mean_changes(point: Point, folder: Path) -> dict[str, float]:
+    """Mean change of a judgment by one pour, over a point's scenes, when the start is moved.
+
+    Parameters
+    ----------
+    point
+        The point.
+    folder
+        Where it was measured: its scenes are there, and the result is kept there.
+
+    Returns
+    -------
+    dict
+        Model that pours -> mean |dJ|.
+    """
+    done = folder / DONE
+    if not done.exists():
+        here, scenes = world(point), read_scenes(folder / "scenes.json")
+        found = {name: _mean_change(here, name, scenes) for name in LIQUID_OF}
+        write_text(done, json.dumps(found) + "\n")
+    content: dict[str, float] = json.loads(done.read_text(encoding="utf-8"))
+    return content
+
+
+def _mean_change(here: World, name: str, scenes: list[Scene]) -> float:
+    given: dict[str, Any] = presets()[name]["parameters"]
+    liquid = here.honey if LIQUID_OF[name] == HONEY_NAME else here.water
+    pours = [
+        Pour(scene, liquid, given["n_particles"], given.get("damping_zeta", 0.0))
+        for one in scenes
+        for scene in (one, _moved(one))
+    ]
+    judged = np.array([outcome.judgment for outcome in simulate(pours, settings=here.engine)])
+    return float(np.abs(np.diff(judged.reshape(-1, 2))).mean())
+
+
+def _moved(scene: Scene) -> Scene:
+    x, y = scene.liquid.centre
+    start = scene.liquid.model_copy(update={"centre": (x + SHIFT, y)})
+    return scene.model_copy(update={"liquid": start})
