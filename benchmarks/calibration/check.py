@@ -52,7 +52,7 @@ def measure_checks(
         See `measure_all`.
     """
     errands = [
-        Errand(dict(point), scenes, scene_seed(seed, 0, k), folder / _name(point, scenes) / f"{k}")
+        Errand(dict(point), scenes, scene_seed(seed, 0, k), folder / _name(point, scenes, seed, k))
         for point in points.values()
         for k in range(1, seeds + 1)
     ]
@@ -64,9 +64,9 @@ def measure_checks(
     return {name: [next(checked) for _ in range(seeds)] for name in points}
 
 
-def _name(point: Point, scenes: int) -> str:
+def _name(point: Point, scenes: int, seed: int, number: int) -> str:
     digest = hashlib.sha256(point_text(point).encode()).hexdigest()[:12]
-    return f"{digest}-{scenes}"
+    return f"{digest}-{scenes}-seed-{seed}/{number}"
 
 
 def check_table(found: Mapping[str, Sequence[Checked]]) -> str:
