@@ -26,10 +26,8 @@ PAPERS = EngineSettings(step=2e-4)
 
 POURS = {
     "water, N = 50, zeta = 5": (WATER, 50, 5.0),
-    "water without cohesion, N = 50, zeta = 5": (replace(WATER, cohesion=0.0), 50, 5.0),
     "honey, N = 50, zeta = 5": (HONEY_EXP1, 50, 5.0),
     "water, N = 200, zeta = 0": (WATER, 200, 0.0),
-    "water without cohesion, N = 200, zeta = 0": (replace(WATER, cohesion=0.0), 200, 0.0),
     "honey, N = 100, zeta = 0": (HONEY_EXP1, 100, 0.0),
 }
 
