@@ -21,7 +21,7 @@ Made by `python -m benchmarks.truth_table` on {count} scenes of Experiment 1 (`p
 -n {count} --seed {seed}`). Pearson r over the scenes; in brackets the 95 % interval from 2,000
 bootstrap resamples of the *scenes*. The published columns are those of Bates et al. (2019), over
 their 120 scenes, which are not public: ours resemble them only as far as
-[the generator](../explanation/scene-statistics.md) does. The paper gives no value for the IFEs.
+[the generator](../explanation/open-choices.md) does. The paper gives no value for the IFEs.
 
 | model | mean J | r with truth, water | published | r with truth, honey | published |
 | --- | --- | --- | --- | --- | --- |"""

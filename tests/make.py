@@ -32,9 +32,9 @@ OPEN_CHOICES = {
     "cohesion": (replace(HONEY_EXP1, cohesion=0.06), EngineSettings()),
     "tension": (replace(HONEY_EXP1, cohesion=0.0, tension=0.02), EngineSettings()),
     "viscosity of all pairs": (HONEY_EXP1, EngineSettings(viscous_pairs="all")),
-    "contact": (HONEY_EXP1, EngineSettings(contact_radius=0.35, contact_layer=0.6)),
+    "contact": (HONEY_EXP1, EngineSettings(contact_radius=0.6, contact_layer=0.6)),
     "damping": (WATER, EngineSettings(damping_scale=0.5)),
-    "slab": (WATER, EngineSettings(dimensions=2)),
+    "slab": (WATER, EngineSettings(dimensions=2, contact_radius=0.5)),
     "sound and support": (WATER, EngineSettings(sound_speed=20, support_in_spacings=1.9)),
 }
 """What the paper leaves open: a liquid and settings each."""

