@@ -31,7 +31,6 @@ POURS = {
     "honey, N = 100, zeta = 0": (HONEY_EXP1, 100, 0.0),
 }
 
-
 Judged = NDArray[np.float64]
 
 
@@ -53,7 +52,7 @@ def main() -> None:
     rule = EXPERIMENT.choice.rule
     scenes = filtered_scenes(EXPERIMENT.family, 60, 1, rule=rule).scenes
     aside = [moved(scene) for scene in scenes]
-    print("| mean \\|dJ\\|, r | step 1e-4 s | step 4e-4 s | start moved by 0.1 mm |")
+    print("| mean \\|dJ\\|, r | step 1e-4 s | step 4e-4 s, or less | start moved by 0.1 mm |")
     print("| --- | --- | --- | --- |")
     for name, of in POURS.items():
         before = judged(scenes, of, PAPERS)

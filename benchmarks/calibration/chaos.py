@@ -2,14 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration.measure import LIQUID_OF
+from benchmarks.calibration.measure import LIQUID_OF, parameters_of
 from benchmarks.calibration.space import HONEY_NAME, Point, World, world
 from pourcast.files import write_text
-from pourcast.models.registry import presets
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes
 from pourcast.simulation.pour import Pour
@@ -46,10 +44,10 @@ def mean_changes(point: Point, folder: Path) -> dict[str, float]:
 
 
 def _mean_change(here: World, name: str, scenes: list[Scene]) -> float:
-    given: dict[str, Any] = presets()[name]["parameters"]
+    given = parameters_of(name)
     liquid = here.honey if LIQUID_OF[name] == HONEY_NAME else here.water
     pours = [
-        Pour(scene, liquid, given["n_particles"], given.get("damping_zeta", 0.0))
+        Pour(scene, liquid, given["n_particles"], given["damping_zeta"])
         for one in scenes
         for scene in (one, moved(one))
     ]

@@ -163,13 +163,14 @@ def output(measured: Measured, target: Target, one_scene: float) -> tuple[float,
     return measured.stranded[target.name], 0.05**2 / n
 
 
-def _parameters(preset: str) -> dict[str, Any]:
+def parameters_of(preset: str) -> dict[str, Any]:
+    """Parameters of a preset."""
     return dict(presets()[preset]["parameters"])
 
 
 def dampings_of(preset: str, stride: int) -> list[float]:
     """Values of zeta of a model's window, every one or each second, or none if it has no zeta."""
-    given = _parameters(preset)
+    given = parameters_of(preset)
     if "damping_zeta" not in given:
         return []
     window = zeta_window(given["damping_zeta"], given["zeta_sigma"])
@@ -180,7 +181,7 @@ def grid_of_world(here: World, stride: int = EVERY_ZETA) -> Grid:
     """All models on a point's scenes, those that pour one zeta at a time."""
     entries = []
     for name in MODELS:
-        family, given = presets()[name]["model"], _parameters(name)
+        family, given = presets()[name]["model"], parameters_of(name)
         values = {key: v for key, v in given.items() if key != "liquid"}
         if dampings := dampings_of(name, stride):
             values |= {"damping_zeta": dampings, "zeta_sigma": 0}
