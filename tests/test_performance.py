@@ -3,6 +3,7 @@
 import sys
 import tracemalloc
 from importlib.metadata import packages_distributions
+from threading import Barrier
 
 import llvmlite.binding
 import numpy as np
@@ -316,13 +317,16 @@ def test_blocks_in_lockstep_are_full_enough_to_be_worth_it(monkeypatch, threads,
 def test_as_many_full_blocks_as_threads_are_filled_from_one_queue(monkeypatch):
     widths = []
     put = Block.put
+    all_started = Barrier(3)
 
     def noted(block, simulations, step):
-        if not block.simulations:
+        if len(widths) < 3:
             widths.append(len(simulations))
+            # A thread that starts late would find what the others have left of the queue.
+            all_started.wait(timeout=60)
         put(block, simulations, step)
 
     monkeypatch.setattr(Block, "put", noted)
     pours = [Pour(scene, WATER, 15) for scene in random_scenes(3 * LANES, seed=3)]
     simulate(pours, settings=EngineSettings(max_duration=0.2), threads=3)
-    assert widths[:3] == [LANES] * 3
+    assert widths == [LANES] * 3
