@@ -1,11 +1,13 @@
 """How far the stimuli's solver and the particle engine's ground truths agree.
 
-    python -m benchmarks.stimulus_truth FOLDER [--scenes 40] [--seed 1] [--cells 40 60 100 150]
+    python -m benchmarks.stimulus_truth FOLDER [--experiment exp1] [--scenes 40] [--seed 1]
+        [--cells 40 60 100 150] [--viscosity 0.02]
 
-makes the table of `docs/reference/stimulus-truth.md`: scenes of Experiment 1 as it stands, each
+makes a table of `docs/reference/stimulus-truth.md`: scenes of an experiment as it stands, each
 poured by the lattice-Boltzmann solver at every resolution, as water and as honey, for the film's
-length, and judged by the ground truths. FOLDER keeps each outcome as it comes: the same command
-goes on after an interruption, and pours only what another scene, liquid or code makes new.
+length, and judged by the ground truths. `--viscosity` adds honey of other viscosities [m^2/s].
+FOLDER keeps each outcome as it comes: the same command goes on after an interruption, and pours
+only what another scene, liquid or code makes new.
 """
 
 import argparse
@@ -13,7 +15,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +39,7 @@ LIQUIDS = ("water", "honey")
 TRUTHS = ("truth-water", "truth-honey")
 
 Key = tuple[str, int]
-"""A liquid's name, and cells along the longest side."""
+"""A film's name, and cells along the longest side."""
 
 
 @dataclass(frozen=True)
@@ -123,37 +125,54 @@ def rows(
     for (name, cells), end in ends.items():
         own, stranded = end.T
         row = [name, str(cells), *(r(own, truths[truth]) for truth in TRUTHS)]
-        row += [f"{np.abs(own - truths[f'truth-{name}']).mean():.2f}"]
+        row += [f"{np.abs(own - truths[f'truth-{name.split()[0]}']).mean():.2f}"]
         row += [r(own, ends[name, finest][:, 0]), r(own, ends["water", cells][:, 0])]
         row += [f"{own.mean():.2f} ({own.std():.2f})", f"{stranded.mean():.2f}"]
         table.append(row)
     return table
 
 
+def films_of(
+    scenes: Sequence[Scene], resolutions: Sequence[int], viscosities: Sequence[float]
+) -> dict[Key, list[Film]]:
+    """The films of each row: both liquids, and honey of other viscosities [m^2/s]."""
+    poured = {name: [resolve_liquid(name, scene) for scene in scenes] for name in LIQUIDS}
+    for viscosity in viscosities:
+        poured[f"honey of {viscosity:g} m²/s"] = [
+            replace(honey, kinematic_viscosity=viscosity) for honey in poured["honey"]
+        ]
+    return {
+        (name, cells): [
+            Film(scene, liquid, LatticeBoltzmann(resolution=cells))
+            for scene, liquid in zip(scenes, liquids, strict=True)
+        ]
+        for name, liquids in poured.items()
+        for cells in resolutions
+    }
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="keeps outcomes")
+    parser.add_argument("--experiment", default="exp1")
     parser.add_argument("-n", "--scenes", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cells", type=int, nargs="+", default=list(RESOLUTIONS))
+    parser.add_argument("--viscosity", type=float, nargs="+", default=[], help="of more honeys")
     chosen = parser.parse_args()
-    scenes = generate_scenes(SceneRequest("exp1", chosen.scenes, chosen.seed)).scenes
-    solvers = {cells: LatticeBoltzmann(resolution=cells) for cells in sorted(chosen.cells)}
-    films = {
-        (name, cells): [Film(scene, resolve_liquid(name, scene), solver) for scene in scenes]
-        for name in LIQUIDS
-        for cells, solver in solvers.items()
-    }
+    request = SceneRequest(chosen.experiment, chosen.scenes, chosen.seed)
+    scenes, cells = generate_scenes(request).scenes, sorted(chosen.cells)
+    films = films_of(scenes, cells, chosen.viscosity)
     with resumable(chosen.folder), progress_bar() as report:
         pour_missing([film for row in films.values() for film in row], chosen.folder, report)
     known, truths = outcomes_in(chosen.folder), judged(scenes)
     ends = {key: np.array([known[film.digest] for film in row]) for key, row in films.items()}
     print(
-        f"{chosen.scenes} scenes of Experiment 1 (`pourcast scenes exp1 -n {chosen.scenes} --seed "
-        f"{chosen.seed}`). The truths among themselves: r {r(*truths.values())}.\n"
+        f"`pourcast scenes {chosen.experiment} -n {chosen.scenes} --seed {chosen.seed}`. The "
+        f"truths among themselves: r {r(*truths.values())}.\n"
     )
-    head, *others = rows(ends, truths, list(solvers))
+    head, *others = rows(ends, truths, cells)
     for row in (head, ["---"] * len(head), *others):
         print(f"| {' | '.join(row)} |")
 
