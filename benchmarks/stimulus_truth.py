@@ -1,11 +1,12 @@
 """How far the stimuli's solver and the particle engine's ground truths agree.
 
     python -m benchmarks.stimulus_truth FOLDER [--experiment exp1] [--scenes 40] [--seed 1]
-        [--cells 40 60 100 150] [--viscosity 0.02]
+        [--cells 40 60 100 150] [--viscosity 0.02] [--moved 1]
 
 makes a table of `docs/reference/stimulus-truth.md`: scenes of an experiment as it stands, each
 poured by the lattice-Boltzmann solver at every resolution, as water and as honey, for the film's
-length, and judged by the ground truths. `--viscosity` adds honey of other viscosities [m^2/s].
+length, and judged by the ground truths. `--viscosity` adds honey of other viscosities [m^2/s];
+`--moved` pours all once more, from starts moved to the right [mm], to see how far chaos goes.
 FOLDER keeps each outcome as it comes: the same command goes on after an interruption, and pours
 only what another scene, liquid or code makes new.
 """
@@ -151,6 +152,13 @@ def films_of(
     }
 
 
+def moved(scene: Scene, millimetres: float) -> Scene:
+    """The scene with the liquid's start farther to the right."""
+    x, y = scene.liquid.centre
+    start = scene.liquid.model_copy(update={"centre": (x + millimetres / 1000, y)})
+    return scene.model_copy(update={"liquid": start})
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -160,20 +168,35 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cells", type=int, nargs="+", default=list(RESOLUTIONS))
     parser.add_argument("--viscosity", type=float, nargs="+", default=[], help="of more honeys")
+    parser.add_argument("--moved", type=float, help="to the right, of a second pour of all [mm]")
     chosen = parser.parse_args()
     request = SceneRequest(chosen.experiment, chosen.scenes, chosen.seed)
     scenes, cells = generate_scenes(request).scenes, sorted(chosen.cells)
-    films = films_of(scenes, cells, chosen.viscosity)
+    drawn = [scenes]
+    if chosen.moved is not None:
+        drawn += [[moved(scene, chosen.moved) for scene in scenes]]
+    films = [films_of(each, cells, chosen.viscosity) for each in drawn]
+    missing = [film for each in films for row in each.values() for film in row]
     with resumable(chosen.folder), progress_bar() as report:
-        pour_missing([film for row in films.values() for film in row], chosen.folder, report)
-    known, truths = outcomes_in(chosen.folder), judged(scenes)
-    ends = {key: np.array([known[film.digest] for film in row]) for key, row in films.items()}
+        pour_missing(missing, chosen.folder, report)
+    known = outcomes_in(chosen.folder)
+    truths = [judged(each) for each in drawn]
+    ends = [
+        {key: np.array([known[film.digest] for film in row]) for key, row in each.items()}
+        for each in films
+    ]
+    table = rows(ends[0], truths[0], cells)
     print(
         f"`pourcast scenes {chosen.experiment} -n {chosen.scenes} --seed {chosen.seed}`. The "
-        f"truths among themselves: r {r(*truths.values())}.\n"
+        f"truths among themselves: r {r(*truths[0].values())}."
     )
-    head, *others = rows(ends, truths, cells)
-    for row in (head, ["---"] * len(head), *others):
+    if chosen.moved is not None:
+        words = f"r, start moved by {chosen.moved:g} mm"
+        itself = [r(ends[0][key][:, 0], ends[1][key][:, 0]) for key in ends[0]]
+        table = [[*row, cell] for row, cell in zip(table, (words, *itself), strict=True)]
+        print(f"{words}: {', '.join(f'{n} {r(truths[0][n], truths[1][n])}' for n in TRUTHS)}.")
+    print()
+    for row in (table[0], ["---"] * len(table[0]), *table[1:]):
         print(f"| {' | '.join(row)} |")
 
 
