@@ -178,7 +178,8 @@ def list_(as_json: JsonOption = False) -> None:
         "liquids": [
             {
                 "liquid": one.name, "called": one.called, "alpha": f"{one.viscosity_alpha:g}",
-                "adhesion [1/s]": f"{one.adhesion_tangential:g}",
+                "cohesion [m3/s2]": f"{one.cohesion:g}",
+                "adhesion [1/s]": f"{one.adhesion_normal:g}, {one.adhesion_tangential:g}",
                 "viscosity [m2/s]": f"{one.kinematic_viscosity:g}", "colour": one.colour,
             }
             for one in known_liquids()
