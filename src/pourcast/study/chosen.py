@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ import pourcast
 from pourcast.errors import InputError, one_line
 from pourcast.files import write_text
 from pourcast.frozen import Frozen
-from pourcast.study.selection import SceneChoice, SceneFamily, Selection
+from pourcast.simulation.pour import Pour
+from pourcast.simulation.settings import EngineSettings
+from pourcast.study.selection import SceneChoice, SceneFamily, Selection, drawn_scene
 
 CHOSEN_FILE = "chosen.json"
 
@@ -49,6 +52,12 @@ class HowChosen(Frozen):
         The release that did it.
     family
         Statistics of what was drawn: the fields of the experiment's family.
+    rule
+        By which numbers was chosen: the fields of the experiment's choice.
+    engine
+        How pours were computed: the fields of `EngineSettings`.
+    pours
+        What was poured into each scene: particles, damping and the liquid's numbers.
     stages
         From all draws to the scenes chosen.
     figures
@@ -58,13 +67,17 @@ class HowChosen(Frozen):
 
     pourcast: str
     family: Mapping[str, Any]
+    rule: Mapping[str, Any] = {}
+    engine: Mapping[str, Any] = {}
+    pours: tuple[Mapping[str, Any], ...] = ()
     stages: tuple[Stage, ...]
     figures: Mapping[str, float | None] = {}
 
     def same_rules(self, family: SceneFamily, choice: SceneChoice) -> bool:
         """Whether these scenes would be drawn and chosen by the same rules."""
+        numbers = self.model_dump(include=set(_numbers(family, choice)), mode="json")
         words = tuple((one.stage, one.how) for one in self.stages)
-        return words == choice.stages and dict(self.family) == _statistics(family)
+        return words == choice.stages and numbers == _numbers(family, choice)
 
 
 def stages_of(choice: SceneChoice, selection: Selection) -> tuple[Stage, ...]:
@@ -79,7 +92,7 @@ def how_chosen(family: SceneFamily, choice: SceneChoice, selection: Selection) -
     """What there is to say of a selection that was just made."""
     return HowChosen(
         pourcast=pourcast.__version__,
-        family=_statistics(family),
+        **_numbers(family, choice),
         stages=stages_of(choice, selection),
         figures={
             words: value if math.isfinite(value) else None
@@ -112,8 +125,26 @@ def read_chosen(folder: Path) -> HowChosen | None:
         raise InputError(f"{path}: {one_line(error)}") from None
 
 
-def _statistics(family: SceneFamily) -> dict[str, Any]:
-    """Fields of a family, as JSON gives them back."""
-    fields: Any = family
-    statistics: dict[str, Any] = json.loads(json.dumps(asdict(fields), default=str))
-    return statistics
+def _numbers(family: SceneFamily, choice: SceneChoice) -> dict[str, Any]:
+    """All numbers that decide which scenes are drawn and chosen, as JSON gives them back."""
+    scene = next(filter(None, (drawn_scene(family, 0, k) for k in count())))
+    numbers = {
+        "family": _fields(family),
+        "rule": _fields(choice),
+        "engine": asdict(choice.rule.settings or EngineSettings()),
+        "pours": [_poured(pour) for pour in choice.pours(scene)],
+    }
+    as_json: dict[str, Any] = json.loads(json.dumps(numbers, default=str))
+    return as_json
+
+
+def _fields(one: Any) -> dict[str, Any]:
+    return asdict(one)
+
+
+def _poured(pour: Pour) -> dict[str, Any]:
+    liquid = {"liquid": pour.liquid.name, **pour.liquid.engine_identity}
+    return {
+        "n_particles": pour.n_particles, "damping_zeta": pour.damping_zeta,
+        "offset": pour.offset, "kind": pour.kind, **liquid,
+    }  # fmt: skip

@@ -77,6 +77,11 @@ class SteadyContrast(SceneChoice):
     targets: ContrastTargets = field(default_factory=ContrastTargets)
     lenient: bool = False
 
+    @property
+    def judges(self) -> tuple[str, ...]:
+        """See `SceneChoice.judges`."""
+        return *self.truths, *self.models
+
     def quick(self) -> SceneChoice:
         """A pool of 200, of which the nearest set is taken."""
         return replace(self, candidates=min(self.candidates, 200), confirmed=3.0, lenient=True)
@@ -98,7 +103,7 @@ class SteadyContrast(SceneChoice):
             ),
             (
                 "run off",
-                f"by {truths}, at most {self.rule.max_stranded:.0%} of it ends on an obstacle",
+                f"by {truths}, at most {100 * self.rule.max_stranded:g}% of it ends on an obstacle",
             ),
             (
                 "chosen",
@@ -173,7 +178,7 @@ class SteadyContrast(SceneChoice):
     def _pours(self, scenes: Sequence[Scene]) -> list[list[list[Pour]]]:
         """Pours of each truth and model in each scene."""
         groups = []
-        for spec in (*self.truths, *self.models):
+        for spec in self.judges:
             model = make_model(spec)
             if not averages_pours(model):
                 raise InputError(f"model {spec!r}: expected one that averages pours, to choose by")
@@ -192,7 +197,7 @@ class SteadyContrast(SceneChoice):
 
     def _figures(self, judgments: Array, unsteady: Array, screened: Array) -> dict[str, float]:
         """What the chosen scenes have, by what it is."""
-        names = (*self.truths, *self.models)
+        names = self.judges
         figures: dict[str, Any] = {}
         for a, b in ((TRUTH_WATER, TRUTH_HONEY), (MODEL_WATER, MODEL_HONEY)):
             both = f"{names[a]} and {names[b]}"

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.errors import InputError
+from pourcast.models.base import SimulationModel
 from pourcast.models.registry import make_model
 from pourcast.prediction import JudgmentRequest, judge_together
 from pourcast.progress import Report, no_report
@@ -90,8 +91,8 @@ class CoarseFilter:
         liquid = self.liquid if isinstance(self.liquid, str) else self.liquid.name
         return (
             f"by a pour of {liquid}, {self.n_particles} particles, damping "
-            f"{self.damping_zeta:g}/s: at most {self.max_stranded:.0%} of it ends on an obstacle, "
-            f"at least {self.min_touched:.0%} meets one"
+            f"{self.damping_zeta:g}/s: at most {100 * self.max_stranded:g}% of it ends on an "
+            f"obstacle, at least {100 * self.min_touched:g}% meets one"
         )
 
     def pour(self, scene: Scene, liquid: Liquid) -> Pour:
@@ -201,6 +202,18 @@ class SceneChoice(ABC):
             ("chosen", "the first of these"),
         )
 
+    @property
+    def judges(self) -> tuple[str, ...]:
+        """Models by whose judgments scenes are chosen, beside the filter."""
+        return ()
+
+    def pours(self, scene: Scene) -> list[Pour]:
+        """All pours of a scene that it is chosen by, the filter's first."""
+        own = self.rule.pour(scene, resolve_liquid(self.rule.liquid, scene))
+        models = [make_model(spec) for spec in self.judges]
+        simulated = [model for model in models if isinstance(model, SimulationModel)]
+        return [own, *(pour for model in simulated for pour in model.pours(scene, WATER))]
+
     @abstractmethod
     def choose(
         self, family: SceneFamily, count: int, seed: int, report: Report = no_report
@@ -274,6 +287,11 @@ class ContrastingScenes(SceneChoice):
     models: tuple[str, str] = ("water-ife", "honey-ife-1")
     screens: tuple[str, str] = ("water", "honey-exp2")
     confirm_factor: float = 2.5
+
+    @property
+    def judges(self) -> tuple[str, ...]:
+        """See `SceneChoice.judges`."""
+        return self.models
 
     def quick(self) -> SceneChoice:
         """A pool of 200."""
