@@ -17,6 +17,7 @@ paper's.
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -32,12 +33,12 @@ from pourcast.errors import InputError
 def main(words: list[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--waves", type=int, default=3)
-    parser.add_argument("--points", type=int, default=60, help="points in the first wave")
-    parser.add_argument("--later-points", type=int, help="points in each later wave; as many")
-    parser.add_argument("--scenes", type=int, default=30, help="scenes at a point")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=available_cores())
+    parser.add_argument("--waves", type=_from(1), default=3)
+    parser.add_argument("--points", type=_from(2), default=60, help="points in the first wave")
+    parser.add_argument("--later-points", type=_from(2), help="points in each later wave; as many")
+    parser.add_argument("--scenes", type=_from(2), default=30, help="scenes at a point")
+    parser.add_argument("--seed", type=_from(0), default=1)
+    parser.add_argument("--workers", type=_from(1), default=available_cores())
     parser.add_argument("--store", type=Path, required=True, help="folder of all results")
     parser.add_argument(
         "--hold",
@@ -47,7 +48,7 @@ def main(words: list[str] | None = None) -> int:
         help="choices with a value that later waves and the recommended point are to have",
     )
     parser.add_argument("--check", type=Path, nargs="*", help="points to be measured, as TOML")
-    parser.add_argument("--seeds", type=int, default=3, help="sets of scenes of a check")
+    parser.add_argument("--seeds", type=_from(1), default=3, help="sets of scenes of a check")
     given = parser.parse_args(words)
     begin = time.monotonic()
     try:
@@ -78,6 +79,17 @@ def main(words: list[str] | None = None) -> int:
         return 130
     print(f"{(time.monotonic() - begin) / 60:.1f} minutes", file=sys.stderr)
     return 0
+
+
+def _from(least: int) -> Callable[[str], int]:
+    """Reads a whole number, `least` at least."""
+
+    def whole_number(word: str) -> int:
+        if not word.isdecimal() or int(word) < least:
+            raise argparse.ArgumentTypeError(f"expected at least {least}, found {word!r}")
+        return int(word)
+
+    return whole_number
 
 
 if __name__ == "__main__":

@@ -107,3 +107,15 @@ def test_a_wrong_point_is_told_in_one_line(tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "speed" in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["--waves 0", "--points 1", "--later-points -3", "--scenes 0", "--seed -1", "--workers 0"],
+)
+def test_a_number_that_is_too_small_is_told_in_a_line(words, tmp_path, capsys):
+    with pytest.raises(SystemExit) as left:
+        calibrate.main([*words.split(), "--store", str(tmp_path / "store")])
+    assert left.value.code == 2
+    assert f"{words.split()[0]}: expected at least" in capsys.readouterr().err
+    assert not (tmp_path / "store").exists()

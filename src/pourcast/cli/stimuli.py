@@ -105,7 +105,7 @@ def stimuli(
         seconds=seconds,
         webm=webm,
         options={
-            "resolution": resolution or (PREVIEW_RESOLUTION if preview else None),
+            "resolution": PREVIEW_RESOLUTION if preview and resolution is None else resolution,
             "real_size": real_size,
             "samples": samples,
             "denoise": denoise,

@@ -1,7 +1,7 @@
 """How pours are computed."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
 import numpy as np
@@ -106,6 +106,10 @@ class EngineSettings:
     dimensions: Literal[2, 3] = 3
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.generic):  # would be counted with in its own precision
+                object.__setattr__(self, field.name, value.item())
         if self.viscous_pairs not in get_args(ViscousPairs):
             known = unknown(str(self.viscous_pairs), get_args(ViscousPairs))
             raise InputError(f"engine settings: viscous_pairs: {known}")
@@ -121,8 +125,6 @@ class EngineSettings:
                 )
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
-            if isinstance(value, np.generic):  # would be counted with in its own precision
-                object.__setattr__(self, name, value := value.item())
             if not (low <= value <= high and math.isfinite(value)):
                 expected = f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
                 raise InputError(f"engine settings: {name}: expected {expected}, found {value}")

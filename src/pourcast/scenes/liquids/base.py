@@ -112,6 +112,8 @@ class Liquid:
                 )
         for field, (low, high) in _RANGES.items():
             value = getattr(self, field)
+            if hasattr(value, "item"):  # NumPy's: would be counted with in its own precision
+                object.__setattr__(self, field, value := value.item())
             if not low <= value <= high:
                 raise InputError(
                     f"liquid {self.name!r}: {field}: expected {low:g} to {high:g}, found {value}"
