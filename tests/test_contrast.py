@@ -136,13 +136,33 @@ def test_scenes_are_chosen_in_stages_that_are_told():
     again = COARSE.choose(ShapesFamily(), 6, 1)
     assert scenes_to_json(chosen.scenes) == scenes_to_json(again.scenes)
     assert [scene.id for scene in chosen.scenes] == [f"exp2-{k:03d}" for k in range(1, 7)]
-    drawn, kept, judged, run_off, wanted = chosen.left
-    assert drawn >= kept >= 40 >= judged >= run_off > wanted == 6
+    drawn, kept, judged, run_off, moved, wanted = chosen.left
+    assert drawn >= kept >= 40 >= judged >= run_off == moved > wanted == 6
     assert len(COARSE.stages) == len(chosen.left)
     assert {"screening", f"judging the {judged} most promising scenes"} <= seen
     truths = "correlation of " + " and ".join(COARSE.truths)
     assert chosen.figures[truths] < chosen.figures[f"{truths}, all candidates"]
-    assert chosen.figures[f"share with more in the goal by {COARSE.truths[0]}"] == 0.5
+    assert chosen.figures[f"share of scenes with more {' than '.join(COARSE.truths)}"] == 0.5
+
+
+def test_the_nearest_set_says_what_it_misses():
+    strict = replace(COARSE, targets=ContrastTargets(truths=-1.0))
+    figures = strict.choose(ShapesFamily(), 6, 1).figures
+    truths = "correlation of " + " and ".join(COARSE.truths)
+    by = figures["asked, and missed: correlation of the truths, by"]
+    assert by == pytest.approx(figures[truths] + 1.0)
+    few = strict.choose(ShapesFamily(), 3, 1).figures
+    assert not any("missed" in words for words in few)
+
+
+def test_liquids_are_judged_from_moved_starts_too():
+    figures = COARSE.choose(ShapesFamily(), 6, 1).figures
+    still = replace(COARSE, moved=0.0).choose(ShapesFamily(), 6, 1).figures
+    for name in COARSE.judges:
+        assert still[f"mean variance of {name} over the starts"] == 0.0
+        assert 0.0 < figures[f"mean variance of {name} over the starts"] < 0.1
+    both = "correlation of " + " and ".join(COARSE.truths)
+    assert still[f"{both}, start 0 cm to the left"] == still[both]
 
 
 def test_a_pool_without_what_is_asked_is_one_line():
@@ -161,7 +181,7 @@ def test_experiment_2_says_how_its_scenes_are_chosen():
     choice = EXPERIMENTS.get("exp2").choice
     assert isinstance(choice, SteadyContrast)
     names, rules = zip(*choice.stages, strict=True)
-    assert names == ("drawn", "filtered", "judged", "run off", "chosen")
+    assert names == ("drawn", "filtered", "judged", "run off", "moved", "chosen")
     assert "correlation of the truths at most -0.65" in rules[-1]
 
 
@@ -175,6 +195,11 @@ def test_experiment_2_has_contrast_in_truths_and_models():
     assert figures["correlation of water-ife and truth-water"] >= 0.4
     names = ("truth-water", "truth-honey", "water-ife", "honey-ife-1")
     assert all(figures[f"standard deviation of {name}"] >= 0.25 for name in names)
-    for name in ("truth-water", "water-ife"):
-        assert figures[f"share with more in the goal by {name}"] == 0.5
+    for both in ("truth-water than truth-honey", "water-ife than honey-ife-1"):
+        assert figures[f"share of scenes with more {both}"] == 0.5
+    for side in ("left", "right"):
+        moved = f"start 1 cm to the {side}"
+        assert figures[f"correlation of truth-water and truth-honey, {moved}"] <= -0.5
+        assert figures[f"correlation of water-ife and honey-ife-1, {moved}"] <= -0.45
+    assert not any("missed" in words for words in figures)
     assert len({scene.digest for scene in selection.scenes}) == 60

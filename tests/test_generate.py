@@ -210,6 +210,11 @@ def test_scenes_that_were_drawn_by_other_rules_are_not_gone_on_with(tmp_path):
     others = (
         {"family": {**chosen.family, "cell_count": 7}},
         {"stages": (*chosen.stages[:-1], chosen.stages[-1].model_copy(update={"how": "by hand"}))},
+        # What words don't tell, or round.
+        {"engine": {**chosen.engine, "damping_scale": 1.0}},
+        {"rule": {**chosen.rule, "rule": {**chosen.rule["rule"], "max_stranded": 0.0741}}},
+        {"pours": tuple({**pour, "cohesion": 0.01} for pour in chosen.pours)},
+        {"rule": {}, "engine": {}, "pours": ()},
     )
     for other in others:
         write_chosen(tmp_path, chosen.model_copy(update=other))

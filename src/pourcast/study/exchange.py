@@ -29,7 +29,7 @@ _ALLOWED = 1e-9
 """What is missed by no more than this is only rounding."""
 
 _WEIGHTS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
-"""Of what is missed of the targets, against variance over the window, one after another."""
+"""Of what is missed of the targets, against unsteadiness, one after another."""
 
 _LAST_WEIGHT = 1000.0
 """So large that no steadiness makes up for a target."""
@@ -38,7 +38,7 @@ _POWERS = (1.0, 1.5)
 """Of what is missed: with 1, a target that is met is held; above, a little is given for others."""
 
 _STEADY_STARTS = (0.0, 5.0)
-"""How much of its variance over the window is taken from a scene's contrast, for a first set."""
+"""How much of its unsteadiness is taken from a scene's contrast, for a first set."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def choose_steady(
     judgments
         Water's truth, honey's, water's model, honey's; shape [4, scene_count].
     unsteadiness
-        Variance of each scene's judgments over the models' windows, shape [scene_count].
+        Variance of each scene's judgments over what they should not hang on, shape [scene_count].
     count
         How many are wanted; half of them (of an odd number one more) with more water in the
         goal, half with more honey, both by truths and by models.
@@ -159,9 +159,7 @@ def choose_steady(
         direction = _halves(judgments)
     contrast = np.min(np.abs(judgments[::2] - judgments[1::2]), axis=0)
     starts = [_highest(contrast - k * unsteadiness, direction, count) for k in _STEADY_STARTS]
-    features = np.stack(
-        [*judgments, *(judgments[a] * judgments[b] for a, b in _PAIRS), unsteadiness]
-    )
+    features = np.stack([*_features(judgments), unsteadiness])
     if count < _FEWEST:
         return np.sort(starts[0])
     ways = [
@@ -171,11 +169,33 @@ def choose_steady(
     ]
     last = _Exchange(features, direction, targets)
     found = min(ways, key=last.cost_of)
-    missed = targets.missed(features[:, found].sum(axis=1), count)
-    short = [f"the {name} by {by:.2g}" for name, by in missed.items() if by > _ALLOWED]
+    short = [f"the {name} by {by:.2g}" for name, by in missed(judgments[:, found], targets).items()]
     if short and not lenient:
         raise InputError(f"found no {count} scenes as asked; the nearest miss {', '.join(short)}")
     return np.sort(found)
+
+
+def missed(judgments: Array, targets: ContrastTargets) -> dict[str, float]:
+    """What a set of scenes misses of the targets, and by how much.
+
+    Parameters
+    ----------
+    judgments
+        Water's truth, honey's, water's model, honey's; shape [4, scene_count].
+    targets
+        What was asked, of four scenes or more.
+    """
+    count = judgments.shape[1]
+    if count < _FEWEST:
+        return {}
+    totals = np.stack(_features(judgments)).sum(axis=1)
+    by_target = targets.missed(totals, count)
+    return {name: float(by) for name, by in by_target.items() if by > _ALLOWED}
+
+
+def _features(judgments: Array) -> list[Array]:
+    """Judgments and their products, whose means decide what a set has."""
+    return [*judgments, *(judgments[a] * judgments[b] for a, b in _PAIRS)]
 
 
 def _directions(judgments: Array) -> NDArray[np.int64]:
