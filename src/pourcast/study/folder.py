@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from pourcast.errors import InputError, one_line
 from pourcast.files import check_empty, write_text
@@ -102,6 +102,8 @@ class SceneRequest:
 
 class _Generated(Frozen):
     """How a study's scenes were made."""
+
+    model_config = ConfigDict(strict=True)
 
     count: int
     seed: int
