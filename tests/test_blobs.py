@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from pourcast import WATER, Box, LiquidStart, Scene
+from pourcast.errors import InputError
 from pourcast.models.base import Model
 from pourcast.models.blobs import Blobs
 from pourcast.models.simple import SimpleSim
@@ -204,6 +205,24 @@ def test_a_mirrored_scene_is_judged_in_the_mirror_to_the_bit():
         assert here == pytest.approx(back, abs=1e-12)
     films = [Blobs(50).film(one)[0] for one in (scenes[0], scenes[0].mirrored())]
     assert films[0][..., 0] == pytest.approx(1.0 - films[1][..., 0])
+
+
+def test_a_scene_that_is_its_own_mirror_image_has_one_judgment():
+    peg = scene(((0.45, 0.5), (0.55, 0.5), (0.5, 0.6)), goal=Basins())
+    there = peg.mirrored()  # the same, but for the order of corners
+    odd = [Blobs(37).judge([one], WATER, 3)[0] for one in (peg, there)]
+    assert odd[0] == odd[1] != peg.goal.mirrored_judgment(odd[0])  # 37 can't be halved
+
+
+@pytest.mark.parametrize(
+    ("width", "diameter", "count"), [(1.0, 0.001, 100), (20.0, 0.05, 100), (1.0, 0.06, 5000)]
+)
+def test_a_grid_too_fine_to_be_run_is_refused(width, diameter, count):
+    start = LiquidStart(centre=(width / 2, 1.3), diameter=diameter)
+    goal = Basins(divider_x=width / 2)
+    wide = Scene(id="a", obstacles=(), box=Box(width=width), liquid=start, goal=goal)
+    with pytest.raises(InputError, match=r"^scene 'a': liquid\.diameter: .* at most 1,000,000: "):
+        Blobs(count).judge([wide], WATER)
 
 
 @pytest.mark.parametrize(

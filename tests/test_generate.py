@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pourcast.errors import InputError
+from pourcast.files import finished_files
 from pourcast.models.registry import make_model
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily, bounded_voronoi
@@ -19,7 +20,13 @@ from pourcast.scenes.scene_file import scenes_to_json
 from pourcast.study import folder
 from pourcast.study.chosen import read_chosen, write_chosen
 from pourcast.study.experiments.registry import EXPERIMENTS, experiment_like
-from pourcast.study.folder import SceneRequest, new_study, open_study
+from pourcast.study.folder import (
+    SceneRequest,
+    load_practice,
+    load_scenes,
+    new_study,
+    open_study,
+)
 from pourcast.study.selection import (
     CoarseFilter,
     ContrastingScenes,
@@ -157,6 +164,46 @@ def test_a_study_that_was_interrupted_is_gone_on_with(tmp_path):
     assert open_study(tmp_path / "whole", request) == scenes
     with pytest.raises(InputError, match="made with other settings"):
         open_study(tmp_path / "whole", SceneRequest("exp1", 3, 3))
+
+
+STAGES = ("generate_scenes", "generate_practice", "write_chosen", "write_scenes")
+
+
+@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("go_on", [new_study, open_study])
+def test_a_new_study_goes_on_after_an_interruption(tmp_path, monkeypatch, stage, go_on):
+    request = SceneRequest("exp1", 1, 3, practice=1)
+    scenes = draws(EXPERIMENTS.get("exp1").family, 2)
+    monkeypatch.setattr(
+        folder, "generate_scenes", lambda *_: Selection(scenes[:1], 1, 1, (1, 1, 1))
+    )
+    monkeypatch.setattr(folder, "generate_practice", lambda *_: scenes[1:])
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    study = tmp_path / "s"
+    with monkeypatch.context() as patch:
+        patch.setattr(folder, stage, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            new_study(study, request)
+    (study / ".scenes-0123456789abcdef.json").touch()  # of a process that was killed
+    with pytest.raises(InputError, match="not an empty folder"):
+        new_study(study, SceneRequest("exp1", 1, 4, practice=1))
+    go_on(study, request)
+    whole = {"study.toml", "chosen.json", "practice.json", "scenes.json"}
+    assert {path.name for path in finished_files(study)} == whole
+    assert (load_scenes(study), load_practice(study)) == (scenes[:1], scenes[1:])
+    with pytest.raises(InputError, match="not an empty folder"):
+        new_study(study, request)
+
+
+def test_what_somebody_put_into_an_unfinished_study_is_not_written_over(tmp_path):
+    request = SceneRequest("exp1", 1, 3)
+    (tmp_path / "study.toml").write_text(folder._study_toml(request))
+    (tmp_path / "responses.csv").touch()
+    with pytest.raises(InputError, match="not an empty folder"):
+        new_study(tmp_path, request)
 
 
 FIRST_DRAWS_OF_0_1 = {

@@ -10,7 +10,7 @@ from pourcast import cli
 from pourcast.errors import InputError
 from pourcast.files import write_text
 from pourcast.scenes.scene_file import write_scenes
-from pourcast.study.folder import study_scenes
+from pourcast.study.folder import study_liquids, study_scenes
 from pourcast.sweep.judgments import study_judgments
 from tests.experiment.make import scenes_of
 
@@ -99,6 +99,18 @@ def grid_of(study):
     text = '[[models]]\nmodel = "ife"\nliquids = ["syrup"]\nparameters.n_particles = 15\n'
     write_text(study / "g.toml", text + "parameters.zeta_sigma = 0\n")
     return "s/g.toml"
+
+
+@pytest.mark.parametrize("value", ["true", '"0.1"'])
+def test_only_numbers_are_taken_for_numbers(study, value):
+    write_text(study / "study.toml", f"{SYRUP}cohesion = {value}\n")
+    with pytest.raises(InputError, match=r"study\.toml: liquids\.syrup: cohesion: Input should be"):
+        study_liquids(study)
+    write_text(study / "study.toml", f"[generated]\ncount = {value}\nseed = 0\n")
+    with pytest.raises(InputError, match=r"study\.toml: generated\.count: Input should be"):
+        study_liquids(study)
+    write_text(study / "study.toml", f"{SYRUP}cohesion = 0\n")  # a whole number is one
+    assert study_liquids(study)[0].cohesion == 0
 
 
 def test_a_liquid_that_is_not_there_is_told_with_those_that_are(study, capsys):

@@ -21,10 +21,11 @@ from pourcast.experiment.data.tables import (
 from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.storage import Storage, study_storage
+from pourcast.files import write_text
 from pourcast.study.folder import study_scenes
 from pourcast.study.responses import arrange
 from tests.experiment.conftest import api_of
-from tests.experiment.make import EXP1, answer, judgment, small_study
+from tests.experiment.make import EXP1, answer, judgment, scenes_of, small_study
 
 
 def call(*arguments):
@@ -285,3 +286,23 @@ def test_without_a_database_there_is_one_line(tmp_path, capsys, command):
 
 def test_every_column_is_described():
     assert all(len(text) > 8 for text in {**TRIAL_COLUMNS, **PARTICIPANT_COLUMNS}.values())
+
+
+@pytest.mark.parametrize(("other", "own"), [("water", "water-v0"), ("honey", "honey-exp1-v0")])
+def test_answers_of_0_1_are_not_taken_for_those_to_todays_liquids(tmp_path, other, own):
+    scenes = scenes_of("exp1", 3)
+    write_text(tmp_path / "study.toml", 'experiment = "exp1-v0"\n')
+    answers = pd.DataFrame(
+        {"participant": "p", "scene": [one.id for one in scenes], "liquid": other, "response": 0.5}
+    )
+    path = tmp_path / "answers.csv"
+    answers.to_csv(path, index=False)
+    with pytest.raises(
+        InputError, match=rf"answers\.csv: row 2, column liquid: '{other}' is not .*'{own}' was"
+    ):
+        study_responses(tmp_path, path, scenes)
+    answers.assign(liquid=own).to_csv(path, index=False)
+    assert set(study_responses(tmp_path, path, scenes)[0]["liquid"]) == {own}
+    write_text(tmp_path / "study.toml", 'experiment = "exp1"\n')
+    answers.to_csv(path, index=False)
+    assert len(study_responses(tmp_path, path, scenes)[0]) == 3

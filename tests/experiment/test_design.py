@@ -96,6 +96,19 @@ def test_a_translation_is_one_file_and_must_be_whole(tmp_path):
         read_design(tmp_path)
 
 
+def test_an_older_experiment_shows_its_own_liquids_only(tmp_path):
+    write_text(tmp_path / "study.toml", 'experiment = "exp1-v0"\n')
+    for other, own in (("water", "water-v0"), ("honey", "honey-exp1-v0")):
+        with pytest.raises(
+            InputError, match=rf"experiment\.toml: groups: '{other}' is not what .*liquid, '{own}'"
+        ):
+            design_of(tmp_path, f'groups = [["{other}"]]\n')
+    # One of its liquids alone, and one that it doesn't know.
+    texts = texts_of(tmp_path, design_of(tmp_path, 'groups = [["water-v0"], ["honey-exp2"]]\n'))
+    assert texts["liquids"]["water-v0"]["name"] == "water"
+    assert list(texts["liquids"]) == ["water-v0", "honey-exp2"]
+
+
 OIL = "[liquids.oil]\nviscosity_alpha = 0.4\nkinematic_viscosity = 5e-5\n"
 
 

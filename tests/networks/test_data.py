@@ -1,6 +1,7 @@
 """Scenes to learn from: drawn once, in pieces, labelled through a sweep's store."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,8 @@ from pourcast.models.registry import make_model
 from pourcast.networks.training import data
 from pourcast.networks.training.data import PIECE, Draws, drawn_scenes, label_spec, truth_labels
 from pourcast.scenes.liquids.registry import WATER
+from pourcast.simulation.settings import EngineSettings
+from pourcast.study import chosen, selection
 from pourcast.study.experiments.registry import EXPERIMENTS
 from tests.networks.make import scenes_of
 
@@ -54,6 +57,34 @@ def test_an_experiment_whose_scenes_are_drawn_otherwise_draws_anew(tmp_path, mon
     after = drawn_scenes(tmp_path, draws, 3)
     assert not set(digests(before)) & set(digests(after))
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_scenes_that_were_filtered_otherwise_are_not_taken_for_todays(monkeypatch):
+    filtered, plain = Draws("exp1", 5), Draws("exp1", 5, filtered=False)
+    names = {filtered.name}
+    unfiltered = plain.name
+    rule = EXPERIMENTS.get("exp1").choice.rule
+    with monkeypatch.context() as patch:  # the engine's own settings, which the rule leaves open
+        patch.setattr(chosen, "EngineSettings", partial(EngineSettings, contact_radius=0.5))
+        names.add(filtered.name)
+        assert plain.name == unfiltered
+    thicker = replace(WATER, viscosity_alpha=0.3)
+    with monkeypatch.context() as patch:  # the liquid that its name means
+        patch.setattr(selection, "resolve_liquid", lambda *_: thicker)
+        names.add(filtered.name)
+        assert plain.name == unfiltered
+    for other in (
+        replace(rule, max_stranded=0.01),
+        replace(rule, settings=EngineSettings(step=1e-4)),
+    ):
+        with monkeypatch.context() as patch:
+            experiment = EXPERIMENTS.get("exp1")
+            changed = replace(experiment, choice=replace(experiment.choice, rule=other))
+            patch.setattr(data, "EXPERIMENTS", SimpleNamespace(get=lambda _, one=changed: one))
+            names.add(filtered.name)
+            assert plain.name == unfiltered
+    assert len(names) == 5
+    assert filtered.name in names
 
 
 def test_what_was_drawn_is_read_and_damage_is_told(tmp_path):

@@ -1,5 +1,7 @@
 """A broken simulation raises, however small the fault and in every back end; a sound one never."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,6 +27,7 @@ from pourcast.engine.simd import LANES
 from pourcast.engine.solids import BroadPhase, build_broad_phase
 from pourcast.errors import InputError, SimulationDivergedError
 from pourcast.models.base import SimulationModel
+from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import HONEY_EXP2
 from tests.make import NO_SOLIDS, job, loaded_block, ramp_scene, random_scenes, run_one
 
@@ -349,7 +352,7 @@ def test_settings_refuse_what_is_no_positive_number(field, value):
         ({"step": 0.2}, "1e-06 to 0.1, found 0.2"),
         ({"support_in_spacings": 1.1}, "1.2 to 4, found 1.1"),
         ({"sound_speed": 0.5}, "at least 1, found 0.5"),
-        ({"contact_radius": 0.8}, "0.2 to 0.7, found 0.8"),
+        ({"contact_radius": 0.61}, "0.2 to 0.6, found 0.61"),
         (
             {"dimensions": 2, "contact_radius": 0.6},
             "contact_radius: expected at most 0.5 in a slab",
@@ -361,6 +364,65 @@ def test_settings_refuse_what_is_no_positive_number(field, value):
 def test_settings_have_ranges(changes, expected):
     with pytest.raises(InputError, match=expected):
         EngineSettings(**changes)
+
+
+NO_NUMBERS = ["0.5", None, np.array(0.5), np.array([0.5, 0.6]), True, 1 + 0j]
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
+def test_what_is_no_number_is_refused_in_a_line(value):
+    known = {"viscosity_alpha": 0.1}
+    attempts = {
+        "engine settings: contact_radius": lambda: EngineSettings(contact_radius=value),
+        "engine settings: dimensions": lambda: EngineSettings(dimensions=value),
+        "liquid 'x': cohesion": lambda: Liquid("x", **known, cohesion=value),
+        "liquid 'x': film_seconds": lambda: Liquid("x", **known, film_seconds=value),
+        "pour: damping_zeta": lambda: Pour(ramp_scene(), WATER, 5, value),
+        "pour: n_particles": lambda: Pour(ramp_scene(), WATER, value),
+        "pour: offset": lambda: Pour(ramp_scene(), WATER, 5, offset=(0.0, value)),
+    }
+    for where, attempt in attempts.items():
+        with pytest.raises(InputError) as caught:
+            attempt()
+        assert str(caught.value).startswith(f"{where}: expected ")
+        assert len(str(caught.value).splitlines()) == 1
+
+
+def test_numbers_of_numpy_become_plain_ones():
+    settings = EngineSettings(contact_radius=np.float32(0.5), dimensions=np.int64(2))
+    assert (type(settings.contact_radius), type(settings.dimensions)) == (float, int)
+    pour = Pour(ramp_scene(), WATER, np.int32(5), np.float32(0.5), np.zeros(2))
+    assert (type(pour.n_particles), type(pour.damping_zeta)) == (int, float)
+    assert pour.offset == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("offset", [(1,), (1, 2, 3), 3, None])
+def test_an_offset_is_two_lengths(offset):
+    with pytest.raises(InputError, match=r"^pour: offset: expected two finite lengths, found"):
+        Pour(ramp_scene(), WATER, 5, offset=offset)
+
+
+@pytest.mark.parametrize("count", [1.5, 5.0])
+def test_particles_are_whole(count):
+    with pytest.raises(InputError, match=r"^pour: n_particles: expected a whole number, found"):
+        Pour(ramp_scene(), WATER, count)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"name": 3}, {"called": 3}, {"colour": 3}, {"glass_colour": None}, {"goals": "cup"}],
+    ids=repr,
+)
+def test_words_of_a_liquid_are_words(wrong):
+    (field,) = wrong
+    with pytest.raises(InputError, match=rf"^liquid.*: {field}: expected .*, found"):
+        Liquid(**({"name": "x", "viscosity_alpha": 0.1} | wrong))
+
+
+def test_a_pour_that_breaks_tells_all_that_it_can_come_from():
+    torn = Pour(ramp_scene(), replace(WATER, cohesion=1.0), 800)
+    with pytest.raises(SimulationDivergedError, match=r"step .* too long, .*cohesion too strong"):
+        simulate([torn])
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 0.0, -1.0])

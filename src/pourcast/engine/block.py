@@ -282,7 +282,7 @@ class Block(ABC):
         """What is wrong with the first broken simulation."""
         found = self.diagnostics
         broken = int(np.flatnonzero(found.verdict != SOUND)[0])
-        verdict, step = found.verdict[broken], f"{stepping.step:g} s"
+        verdict = found.verdict[broken]
         lane = 0 if self.rows_are_one else broken
         if verdict == NOT_FINITE:
             fault = "a speed is no finite number"
@@ -300,9 +300,18 @@ class Block(ABC):
             )
         return SimulationDivergedError(
             f"diverged after {self._frames_done[lane] * stepping.frame:.3g} s of its time: {fault};"
-            f" the time step {step} is too long, or a particle wider than the box",
+            f" {self._causes(stepping, lane)}",
             number=self.simulations[lane].number,
         )
+
+    def _causes(self, stepping: Stepping, lane: int) -> str:
+        """What it can come from, in words."""
+        causes = [f"the time step {stepping.step:g} s is too long", "a particle wider than the box"]
+        if self.kind == "liquid":
+            causes.append("a contact radius above 0.5 spacings too large")
+        if self.parameters.cohesion_factor[lane] > 0.0:
+            causes.append("the liquid's cohesion too strong for that step")
+        return f"{', '.join(causes[:-1])}, or {causes[-1]}"
 
 
 class Lockstep(Block):

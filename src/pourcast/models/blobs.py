@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pourcast.errors import InputError
 from pourcast.models.base import Model, parameter
 from pourcast.progress import Progress, no_progress
 from pourcast.scenes.liquids.base import Liquid
@@ -30,6 +31,10 @@ Flags = NDArray[np.bool_]
 
 _TOUCH = 1e-7
 """Solids closer than this [m] to a way close it; so is the seam between two of them."""
+
+_MAX_CELLS = 1_000_000
+"""Of a grid: a judgment then takes 1 s with 100 molecules, 5 s with 5000, and the time grows
+faster than the number of cells."""
 
 _FILM_SPEED = 0.02
 """What falls moves about so far between two frames of a film [m]."""
@@ -57,7 +62,8 @@ class Blobs(Model):
     There is a way between two cells if the straight line between their middles meets no solid.
     So no wall is too thin to hold liquid, and basins that liquid joins differ by one cell in level
     at most. A slope that rises by less than a cell is level. The mirror image of a scene has the
-    mirrored judgment, exactly.
+    mirrored judgment, exactly; but a scene that is its own mirror image has one judgment, in which
+    the seed may favour a side.
     """
 
     seconds_per_judgment = 0.004
@@ -159,6 +165,14 @@ def _grid_of(scene: Scene, n_molecules: int) -> _Grid:
     area = pi * scene.liquid.diameter**2 / 4
     columns = max(1, round(box.width / sqrt(area / n_molecules)))
     size = box.width / columns
+    if columns * ceil(box.height / size) > _MAX_CELLS:
+        raise InputError(
+            f"scene {scene.id!r}: liquid.diameter: {n_molecules} blobs of a liquid "
+            f"{scene.liquid.diameter:g} m wide make a grid of "
+            f"{columns * ceil(box.height / size):,} cells in a box of {box.width:g} x "
+            f"{box.height:g} m, expected at most {_MAX_CELLS:,}: take fewer molecules, a wider "
+            "liquid or a smaller box"
+        )
     x, y = (np.arange(k, dtype=np.float64) + 0.5 for k in (columns, ceil(box.height / size)))
     x, y = x * size, y * size
     free, right = _free_and_ways(scene, y, x, along=0)

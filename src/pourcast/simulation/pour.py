@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pourcast.engine.packing import spacing_of
 from pourcast.errors import InputError, unknown
+from pourcast.numbers import plain_number, whole_number
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.settings import Kind
@@ -44,7 +45,7 @@ class Pour:
     Raises
     ------
     InputError
-        If a number is not finite or out of its range.
+        If something is no number, not finite or out of its range.
     """
 
     scene: Scene
@@ -55,11 +56,11 @@ class Pour:
     kind: Kind = "liquid"
 
     def __post_init__(self) -> None:
-        # NumPy's numbers would be counted with in their own precision.
-        object.__setattr__(self, "offset", tuple(float(value) for value in self.offset))
-        object.__setattr__(self, "damping_zeta", float(self.damping_zeta))
-        if isinstance(self.n_particles, np.integer):
-            object.__setattr__(self, "n_particles", int(self.n_particles))
+        object.__setattr__(self, "offset", _two_lengths(self.offset))
+        damping = float(plain_number(self.damping_zeta, "pour: damping_zeta"))
+        object.__setattr__(self, "damping_zeta", damping)
+        count = whole_number(self.n_particles, "pour: n_particles")
+        object.__setattr__(self, "n_particles", count)
         if not 1 <= self.n_particles <= MAX_PARTICLES:
             raise InputError(
                 f"n_particles must be from 1 to {MAX_PARTICLES}, not {self.n_particles}"
@@ -72,7 +73,7 @@ class Pour:
         if not all(math.isfinite(value) for value in self.offset):
             raise InputError(f"pour: offset: expected two finite lengths, found {self.offset}")
         if self.kind not in get_args(Kind):
-            raise InputError(f"pour: kind: {unknown(self.kind, get_args(Kind))}")
+            raise InputError(f"pour: kind: {unknown(str(self.kind), get_args(Kind))}")
         narrow = min(self.scene.box.width, self.scene.box.depth)
         if self.spacing > narrow:
             raise InputError(
@@ -84,6 +85,15 @@ class Pour:
     def spacing(self) -> float:
         """Particle spacing, in three dimensions [m]."""
         return spacing_of(self.n_particles, self.scene.liquid.diameter / 2, self.scene.box.depth)
+
+
+def _two_lengths(offset: Any) -> tuple[float, float]:
+    try:
+        x, y = offset
+    except (TypeError, ValueError):
+        raise InputError(f"pour: offset: expected two finite lengths, found {offset!r}") from None
+    across, up = (float(plain_number(value, "pour: offset")) for value in (x, y))
+    return across, up
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,14 @@ from pourcast.files import write_text
 from pourcast.frozen import Frozen
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.settings import EngineSettings
-from pourcast.study.selection import SceneChoice, SceneFamily, Selection, drawn_scene
+from pourcast.study.selection import (
+    CoarseFilter,
+    FilteredScenes,
+    SceneChoice,
+    SceneFamily,
+    Selection,
+    drawn_scene,
+)
 
 CHOSEN_FILE = "chosen.json"
 
@@ -136,6 +143,11 @@ def _numbers(family: SceneFamily, choice: SceneChoice) -> dict[str, Any]:
     }
     as_json: dict[str, Any] = json.loads(json.dumps(numbers, default=str))
     return as_json
+
+
+def filter_numbers(family: SceneFamily, rule: CoarseFilter) -> dict[str, Any]:
+    """All numbers that decide which scenes are drawn and pass a filter, for JSON."""
+    return _numbers(family, FilteredScenes(rule))
 
 
 def _fields(one: Any) -> dict[str, Any]:

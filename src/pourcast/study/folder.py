@@ -11,22 +11,23 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from pourcast.errors import InputError, one_line
-from pourcast.files import check_empty, write_text
+from pourcast.files import check_empty, is_temporary, write_text
 from pourcast.frozen import Frozen
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import known_liquids, liquid_from
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes, write_scenes
-from pourcast.study.chosen import how_chosen, read_chosen, write_chosen
+from pourcast.study.chosen import CHOSEN_FILE, how_chosen, read_chosen, write_chosen
 from pourcast.study.experiments.base import Experiment
 from pourcast.study.experiments.registry import EXPERIMENTS, experiment_like
 from pourcast.study.selection import SceneChoice, Selection, filtered_scenes
 
 STUDY_FILE = "study.toml"
+PRACTICE_FILE = "practice.json"
 
 DATABASE = "responses.sqlite"
 """The responses of the study's experiment, unless a PostgreSQL server has them."""
@@ -103,6 +104,8 @@ class SceneRequest:
 class _Generated(Frozen):
     """How a study's scenes were made."""
 
+    model_config = ConfigDict(strict=True)
+
     count: int
     seed: int
     candidates: int | None = None
@@ -173,7 +176,8 @@ def new_study(folder: Path, request: SceneRequest, report: Report = no_report) -
     Parameters
     ----------
     folder
-        The folder; must not exist, or be empty.
+        The folder; must not exist, be empty, or hold no more than what the same call left that
+        was interrupted.
     request
         The scenes wanted.
     report
@@ -182,21 +186,28 @@ def new_study(folder: Path, request: SceneRequest, report: Report = no_report) -
     Raises
     ------
     InputError
-        If the folder holds something already, or can't be written.
+        If the folder holds something else already, or can't be written.
     """
-    check_empty(folder)
+    if not _is_unfinished(folder, request):
+        check_empty(folder)
     write_text(folder / STUDY_FILE, _study_toml(request))
     try:
         selection = generate_scenes(request, report)
     except InputError:  # Asked otherwise, it may go: nothing is to be gone on with.
         (folder / STUDY_FILE).unlink()
         raise
-    _write_selection(folder, request, selection)
-    if request.practice:
-        experiment = EXPERIMENTS.get(request.experiment)
-        practice = generate_practice(experiment, request.practice, request.seed, report)
-        write_scenes(folder / "practice.json", practice)
+    _write_all(folder, request, selection, report)
     return selection
+
+
+def _is_unfinished(folder: Path, request: SceneRequest) -> bool:
+    """Whether a folder holds what `new_study` left when it was interrupted, and nothing else."""
+    try:
+        said = (folder / STUDY_FILE).read_text(encoding="utf-8")
+        names = {path.name for path in folder.iterdir() if not is_temporary(path)}
+    except (OSError, UnicodeDecodeError):
+        return False
+    return said == _study_toml(request) and names <= {STUDY_FILE, PRACTICE_FILE, CHOSEN_FILE}
 
 
 def open_study(folder: Path, request: SceneRequest, report: Report = no_report) -> list[Scene]:
@@ -226,7 +237,7 @@ def open_study(folder: Path, request: SceneRequest, report: Report = no_report) 
     ):
         raise InputError(f"{path}: the study was made with other settings; choose another folder")
     if not (folder / "scenes.json").is_file():
-        _write_selection(folder, request, generate_scenes(request, report))
+        _write_all(folder, request, generate_scenes(request, report), report)
     chosen, family = read_chosen(folder), EXPERIMENTS.get(request.experiment).family
     if chosen is None or not chosen.same_rules(family, request.choice):
         raise InputError(
@@ -236,10 +247,13 @@ def open_study(folder: Path, request: SceneRequest, report: Report = no_report) 
     return read_scenes(folder / "scenes.json")
 
 
-def _write_selection(folder: Path, request: SceneRequest, selection: Selection) -> None:
-    """Scenes last: where they are, all that is said of them is there too."""
-    family = EXPERIMENTS.get(request.experiment).family
-    write_chosen(folder, how_chosen(family, request.choice, selection))
+def _write_all(folder: Path, request: SceneRequest, selection: Selection, report: Report) -> None:
+    """Scenes last: where they are, all that goes with them is there too."""
+    experiment = EXPERIMENTS.get(request.experiment)
+    if request.practice:
+        practice = generate_practice(experiment, request.practice, request.seed, report)
+        write_scenes(folder / PRACTICE_FILE, practice)
+    write_chosen(folder, how_chosen(experiment.family, request.choice, selection))
     write_scenes(folder / "scenes.json", selection.scenes)
 
 
@@ -369,7 +383,7 @@ def load_practice(folder: Path) -> list[Scene]:
     InputError
         If they are not valid.
     """
-    path = folder / "practice.json"
+    path = folder / PRACTICE_FILE
     return read_scenes(path) if path.is_file() else []
 
 

@@ -19,6 +19,7 @@ from pourcast.errors import InputError, unknown
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.study.experiments.base import Experiment
 from pourcast.tables import FIRST_ROW, numbers_in, read_table, refuse_rows, require_columns
 
 REQUIRED = ("participant", "scene", "liquid", "response")
@@ -73,14 +74,19 @@ class Exclusion:
 
 
 def read_responses(
-    path: Path, scenes: Sequence[Scene], *, percent: bool = False, own: Sequence[Liquid] = ()
+    path: Path,
+    scenes: Sequence[Scene],
+    *,
+    percent: bool = False,
+    own: Sequence[Liquid] = (),
+    experiment: Experiment | None = None,
 ) -> pd.DataFrame:
     """Read a table of responses, a .csv or .parquet file, and check every row.
 
     See `check_responses`.
     """
     table = read_table(path, text=("participant", "scene"))
-    return check_responses(table, path, scenes, percent=percent, own=own)
+    return check_responses(table, path, scenes, percent=percent, own=own, experiment=experiment)
 
 
 def check_responses(
@@ -90,6 +96,7 @@ def check_responses(
     *,
     percent: bool = False,
     own: Sequence[Liquid] = (),
+    experiment: Experiment | None = None,
 ) -> pd.DataFrame:
     """Check every row of a table of responses.
 
@@ -105,6 +112,8 @@ def check_responses(
         The study's own liquids.
     percent
         The responses are 0..100, not 0..1.
+    experiment
+        The study's experiment: liquids that it shows others in place of are refused.
 
     Returns
     -------
@@ -136,7 +145,7 @@ def check_responses(
     _check_range(path, table, percent=percent)
     if "rt" in table:
         table["rt"] = _numbers(path, table, "rt")
-    return _with_known_scenes(path, table, scenes, own)
+    return _with_known_scenes(path, table, scenes, own, experiment)
 
 
 def _text(value: Any) -> str:
@@ -177,7 +186,11 @@ def _check_range(path: Path, table: pd.DataFrame, *, percent: bool) -> None:
 
 
 def _with_known_scenes(
-    path: Path, table: pd.DataFrame, scenes: Sequence[Scene], own: Sequence[Liquid]
+    path: Path,
+    table: pd.DataFrame,
+    scenes: Sequence[Scene],
+    own: Sequence[Liquid],
+    experiment: Experiment | None,
 ) -> pd.DataFrame:
     known = {scene.id: scene for scene in scenes}
     # Practice trials may show scenes that are none of the study's.
@@ -193,6 +206,7 @@ def _with_known_scenes(
         kind = known[scene].goal.kind
         if (liquid, kind) not in names:
             try:
+                _refuse_namesake(liquid, experiment)
                 names[liquid, kind] = resolve_liquid(liquid, known[scene], own).name
             except InputError as error:
                 raise InputError(f"{path}: row {row}, column {error}") from None
@@ -201,6 +215,15 @@ def _with_known_scenes(
         for liquid, scene in zip(table["liquid"], table["scene"], strict=True)
     ]
     return table.assign(liquid=resolved)
+
+
+def _refuse_namesake(liquid: str, experiment: Experiment | None) -> None:
+    if experiment is not None and (meant := experiment.namesake(liquid)) is not None:
+        raise InputError(
+            f"liquid: {liquid!r} is not what {experiment.name} shows by that name: if {meant!r} "
+            "was shown, as by pourcast 0.1, write that there (`pourcast experiment data` makes a "
+            "table of a database, --responses takes it)"
+        )
 
 
 # Excluding ---------------------------------------------------------------------------

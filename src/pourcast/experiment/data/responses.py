@@ -9,7 +9,7 @@ from pourcast.errors import InputError
 from pourcast.extras import require_extra
 from pourcast.files import finished_files
 from pourcast.scenes.scene import Scene
-from pourcast.study.folder import DATABASE, study_liquids
+from pourcast.study.folder import DATABASE, study_experiment, study_liquids
 from pourcast.study.responses import TEST, check_responses, read_responses
 
 JOURNAL = "responses.jsonl"
@@ -41,9 +41,12 @@ def study_responses(
         If there is none, or more than one; names file, row and column of what is wrong.
     """
     source, own = path or find_responses(study), study_liquids(study)
-    if source.suffix != ".sqlite":
-        return read_responses(source, scenes, percent=percent, own=own), source
-    return check_responses(_collected(source), source, scenes, own=own), source
+    experiment = study_experiment(study, list(scenes))
+    if source.suffix == ".sqlite":
+        table = _collected(source)
+        return check_responses(table, source, scenes, own=own, experiment=experiment), source
+    table = read_responses(source, scenes, percent=percent, own=own, experiment=experiment)
+    return table, source
 
 
 def find_responses(study: Path) -> Path:

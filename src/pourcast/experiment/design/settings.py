@@ -243,11 +243,27 @@ def texts_of(study: Path, design: Design) -> dict[str, Any]:
     texts |= {"goal": goal_words, "liquids": liquids}
     experiment = study_experiment(study, study_scenes(study))
     if experiment is not None:
-        texts = _merged(texts, dict(experiment.words), f"experiment {experiment.name!r}: words")
+        words = _words_for(experiment, list(liquids), f"{study / NAME}: groups")
+        texts = _merged(texts, words, f"experiment {experiment.name!r}: words")
     own = {"page": {"title": design.title}} | design.texts
     texts = _merged(texts, own, f"{study / NAME}: texts")
     _check_words(GoalWords, texts["goal"], f"{study / NAME}: texts.goal, or {source}")
     return texts
+
+
+def _words_for(experiment: Experiment, liquids: list[str], where: str) -> dict[str, Any]:
+    """An experiment's words, without those of its liquids that no group sees."""
+    for liquid in liquids:
+        if (meant := experiment.namesake(liquid)) is not None:
+            raise InputError(
+                f"{where}: {liquid!r} is not what {experiment.name} shows by that name: name its "
+                f"own liquid, {meant!r} (it has {', '.join(experiment.shown_liquids)})"
+            )
+    words = dict(experiment.words)
+    if "liquids" in words:
+        shown = {name: said for name, said in words["liquids"].items() if name in liquids}
+        words["liquids"] = shown
+    return words
 
 
 def _check_words(kind: type[Frozen], words: Any, where: str) -> None:

@@ -1,6 +1,7 @@
 """Scenes to learn from, drawn piece by piece, and the ground truth's judgments of them."""
 
 import hashlib
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +15,7 @@ from pourcast.models.registry import parse_spec
 from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes, write_scenes
+from pourcast.study.chosen import filter_numbers
 from pourcast.study.experiments.base import Experiment
 from pourcast.study.experiments.registry import EXPERIMENTS
 from pourcast.study.selection import SceneFamily, drawn_scene, filtered_scenes
@@ -60,11 +62,12 @@ class Draws:
 
     @property
     def statistics(self) -> str:
-        """What scenes are drawn by, and dropped by."""
+        """What scenes are drawn by, and dropped by: the filter, the engine and what it pours."""
         experiment = EXPERIMENTS.get(self.experiment)
         words = [repr(experiment.family)]
         if self.filtered:
-            words.append(repr(experiment.choice.rule))
+            numbers = filter_numbers(experiment.family, experiment.choice.rule)
+            words.append(json.dumps(numbers, sort_keys=True))
         return ", ".join(words)
 
 

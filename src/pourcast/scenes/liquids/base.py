@@ -2,17 +2,20 @@
 
 import re
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Strict
 
 from pourcast.errors import InputError
+from pourcast.numbers import plain_number
 
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,39}")
 _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 RESERVED = "trial"
 """Stands for the liquid that a trial shows, in models' parameters."""
 
+_Number = Annotated[float, Strict()]
+"""In a file, neither true nor "0.1" is one."""
 
 _RANGES = {
     "viscosity_alpha": (0.0, 10.0),  # the step shrinks with it
@@ -74,7 +77,7 @@ class Liquid:
     Raises
     ------
     InputError
-        If a value is out of its range.
+        If a value is of another type, or out of its range.
 
     Examples
     --------
@@ -85,18 +88,18 @@ class Liquid:
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     name: str
-    viscosity_alpha: float
-    adhesion_normal: float = 0.0
-    adhesion_tangential: float = 0.0
-    cohesion: float = 0.0
-    tension: float = 0.0
-    kinematic_viscosity: float = 1e-6
-    slip: float = 1.0
-    slip_length: float = 0.0
-    wall_pull: float = 0.0
+    viscosity_alpha: _Number
+    adhesion_normal: _Number = 0.0
+    adhesion_tangential: _Number = 0.0
+    cohesion: _Number = 0.0
+    tension: _Number = 0.0
+    kinematic_viscosity: _Number = 1e-6
+    slip: _Number = 1.0
+    slip_length: _Number = 0.0
+    wall_pull: _Number = 0.0
     colour: str = "#2978cc"
     glass_colour: str = ""
-    film_seconds: float = 4.0
+    film_seconds: _Number = 4.0
     called: str = ""
     goals: tuple[str, ...] = ()
 
@@ -105,25 +108,31 @@ class Liquid:
             object.__setattr__(self, "called", self.name)
         for field in ("name", "called"):
             value = getattr(self, field)
-            if not _NAME.fullmatch(value) or value == RESERVED:
+            if not isinstance(value, str) or not _NAME.fullmatch(value) or value == RESERVED:
                 raise InputError(
                     f"liquid: {field}: expected small letters, digits and hyphens, such as "
                     f"'olive-oil' (not {RESERVED!r}), found {value!r}"
                 )
         for field, (low, high) in _RANGES.items():
-            value = getattr(self, field)
-            if hasattr(value, "item"):  # NumPy's: would be counted with in its own precision
-                object.__setattr__(self, field, value := value.item())
+            value = plain_number(getattr(self, field), f"liquid {self.name!r}: {field}")
+            object.__setattr__(self, field, value)
             if not low <= value <= high:
                 raise InputError(
                     f"liquid {self.name!r}: {field}: expected {low:g} to {high:g}, found {value}"
                 )
         for field in ("colour", "glass_colour"):
             value = getattr(self, field)
-            if not _COLOUR.fullmatch(value) and (field, value) != ("glass_colour", ""):
+            is_colour = isinstance(value, str) and _COLOUR.fullmatch(value)
+            if not is_colour and (field, value) != ("glass_colour", ""):
                 raise InputError(
                     f"liquid {self.name!r}: {field}: expected #rrggbb, found {value!r}"
                 )
+
+        if not isinstance(self.goals, tuple) or not all(isinstance(g, str) for g in self.goals):
+            raise InputError(
+                f"liquid {self.name!r}: goals: expected a tuple of kinds of goals, such as "
+                f"('basins',), found {self.goals!r}"
+            )
 
     @property
     def rgb(self) -> tuple[float, float, float]:

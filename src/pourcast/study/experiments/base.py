@@ -142,6 +142,21 @@ class Experiment:
         """Liquids that any group sees, each once."""
         return tuple(dict.fromkeys(liquid for group in self.groups for liquid in group))
 
+    def namesake(self, liquid: str) -> str | None:
+        """Its own liquid that participants read of by the name of another.
+
+        Examples
+        --------
+        >>> from pourcast.study.experiments.registry import EXPERIMENTS
+        >>> EXPERIMENTS.get("exp1-v0").namesake("honey")
+        'honey-exp1-v0'
+        """
+        if liquid in self.shown_liquids:
+            return None
+        words = self.words.get("liquids", {})
+        alike = (own for own in self.shown_liquids if words.get(own, {}).get("name") == liquid)
+        return next(alike, None)
+
     def observer_model(self, liquid: str) -> str:
         """Model in simulated observers' heads when they see a liquid."""
         return observer_model(self, liquid)
