@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import pourcast
+
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
@@ -62,6 +64,13 @@ def needs_of(folder):
                 continue
             names = installed.get(top, [OTHERWISE_CALLED.get(top, top)])
             yield str(path.relative_to(ROOT)), {canonical(name) for name in names}, extra
+
+
+def test_the_release_has_one_name_and_is_not_that_of_older_scenes():
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert PROJECT["version"] == pourcast.__version__
+    assert re.search(r"^version: (.*)$", citation, re.MULTILINE)[1] == pourcast.__version__
+    assert not pourcast.__version__.startswith("0.1")
 
 
 @pytest.mark.parametrize(

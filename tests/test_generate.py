@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pourcast.errors import InputError
 from pourcast.files import finished_files
 from pourcast.models.registry import make_model
+from pourcast.pictures.demo import demo_scenes
 from pourcast.scenes.families.shapes import ShapesFamily
 from pourcast.scenes.families.voronoi import VoronoiFamily, bounded_voronoi
 from pourcast.scenes.goals.cup import Cup
@@ -275,3 +276,15 @@ def test_scenes_that_were_drawn_by_other_rules_are_not_gone_on_with(tmp_path):
     path.write_text('{"pourcast": "1", "family": {}, "stages": 3}')
     with pytest.raises(InputError, match=r"chosen\.json: stages: "):
         open_study(tmp_path, request)
+
+
+def test_the_demo_s_scenes_are_such_as_are_drawn_now():
+    basins, cup = demo_scenes()
+    family, shapes = EXPERIMENTS.get("exp1").family, EXPERIMENTS.get("exp2").family
+    heights = [y for obstacle in basins.obstacles for _, y in obstacle]
+    assert family.band_bottom <= min(heights) <= max(heights) <= family.band_top
+    assert abs(basins.liquid.centre[0] - basins.box.width / 2) <= family.liquid_spread
+    assert len(cup.obstacles) == shapes.shape_count
+    for obstacle in cup.obstacles:
+        circle = shapely.minimum_bounding_radius(shapely.Polygon(obstacle))
+        assert shapes.min_radius - 1e-6 <= circle <= shapes.max_radius + 1e-6

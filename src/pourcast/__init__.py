@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pourcast.simulation.settings import EngineSettings
     from pourcast.study.experiments.base import Experiment
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 _HOMES = {
     "errors": ("InputError",),

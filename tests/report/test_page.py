@@ -1,15 +1,25 @@
+import html
 import json
 import re
+from dataclasses import asdict, replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pandas as pd
 import pytest
 
+import pourcast
 from pourcast.comparison.compare import ComparisonOptions, compare_study
 from pourcast.errors import InputError
+from pourcast.report.methods import methods, provenance
+from pourcast.report.numbers import how_drawn
 from pourcast.report.page import Options, with_published, write_report
+from pourcast.scenes.liquids.registry import HONEY_EXP1, HONEY_EXP2, WATER
+from pourcast.simulation.pour import Pour
+from pourcast.simulation.settings import EngineSettings
+from pourcast.study.chosen import how_chosen, read_chosen
 from pourcast.study.experiments.registry import EXPERIMENTS
+from pourcast.study.selection import Selection
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +82,74 @@ def test_methods_and_provenance(page, comparison):
     assert "500 bootstrap resamples of participants" in text
     assert comparison.source[1] in text
     assert "scenes.json" in text
+
+
+def test_methods_say_how_pours_were_computed(page, comparison):
+    engine, text = EngineSettings(), html.unescape(page.read_text())
+    scale, radius = engine.damping_scale, engine.contact_radius
+    assert (
+        f"lowered by {scale:g} zeta times the velocity (zeta = 5/s damps at {5 * scale:g}/s)"
+        in text
+    )
+    assert f"as spheres with a radius of {radius:g} particle spacings" in text
+    assert "marbles" not in methods(comparison)
+    for liquid in (WATER, HONEY_EXP1):
+        numbers = "; ".join(f"{name} = {v:g}" for name, v in liquid.engine_identity.items())
+        assert f"<td>{liquid.name}</td><td><code>{numbers}</code></td>" in text
+    assert (
+        f"water (alpha = {WATER.viscosity_alpha:g}, no cohesion, no adhesion); honey-exp1 (alpha = "
+        f"{HONEY_EXP1.viscosity_alpha:g}, cohesion {HONEY_EXP1.cohesion:g} m³/s², adhesion "
+        f"{HONEY_EXP1.adhesion_normal:g} 1/s normal and {HONEY_EXP1.adhesion_tangential:g} 1/s "
+        "tangential)"
+    ) in text
+    for name, value in asdict(engine).items():
+        assert f"{name} = {value if isinstance(value, str) else format(value, 'g')}" in text
+
+
+def test_methods_say_what_marbles_are_and_what_models_override(comparison):
+    scene = comparison.scenes[0]
+    pours = (
+        Pour(scene, WATER, 15, 2.0, kind="marbles"),
+        Pour(scene, replace(HONEY_EXP1, viscosity_alpha=7.0), 15, 4.0),
+    )
+    said = methods(replace(comparison, pours=pours))
+    assert f"marbles have a radius of {EngineSettings().marble_radius:g} particle spacings" in said
+    assert "The liquids are honey-exp1 (alpha = 7, " in said
+    assert "In the particle engine" not in methods(replace(comparison, pours=()))
+
+
+def test_methods_name_a_sweep_s_own_engine_settings(comparison):
+    judged = replace(comparison.judged, engines={"soft": {"damping_scale": 0.5}})
+    other = replace(comparison, judged=judged)
+    assert "Judgments of the sweep 'soft' were computed with damping_scale = 0.5." in methods(other)
+    assert ("engine settings of the sweep soft, where others", "damping_scale = 0.5") in provenance(
+        other
+    )
+
+
+def test_how_scenes_were_chosen_is_in_words():
+    experiment = EXPERIMENTS.get("exp2")
+    left = tuple(range(9, 9 - len(experiment.choice.stages), -1))
+    selection = Selection([], 9, 9, left)
+    rows = dict(how_drawn(how_chosen(experiment.family, experiment.choice, selection)))
+    assert rows["drawn by"] == f"pourcast {pourcast.__version__}"
+    assert "shape count 3; " in rows["statistics of the draws (exp2), in SI units"]
+    assert "200 particles of water, zeta = 0/s" in rows["poured into each"]
+    assert f"cohesion {HONEY_EXP2.cohesion:g} m³/s²" in rows["liquids"]
+    assert f"damping_scale = {EngineSettings().damping_scale:g}; " in rows["engine settings"]
+    assert (
+        "50 particles of honey-exp2, zeta = 1, 2, 3, 4, 5, 6, 7, 8, 9/s"
+        in (rows["poured into each"])
+    )
+
+
+def test_how_scenes_of_an_older_release_were_chosen(tmp_path):
+    path = tmp_path / "chosen.json"
+    path.write_text('{"pourcast": "0.1.0", "family": {"cell_count": 7}, "stages": []}')
+    assert how_drawn(read_chosen(tmp_path)) == [
+        ("drawn by", "pourcast 0.1.0"),
+        ("statistics of the draws, in SI units", "cell count 7"),
+    ]
 
 
 def test_people_s_reports_say_nothing_of_simulation(study, tmp_path):

@@ -14,9 +14,11 @@ from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.simulation.settings import EngineSettings
 from pourcast.sweep.grid import GridPoint
+from pourcast.sweep.judgments import study_judgments
 from pourcast.sweep.plan import Shard, Span, _needed, make_plan
 from pourcast.sweep.settings import JudgeSetting, PourSetting
 from pourcast.sweep.shard import compute, task_of
+from pourcast.sweep.table import write_judgments
 from tests.make import random_scenes
 from tests.sweep.make import small_grid, swept
 
@@ -89,6 +91,16 @@ def test_a_sweep_computes_with_its_engine_and_mixes_nothing_up(tmp_path):
     assert differs[models == "ife"].any()
     assert differs[models == "position-uncertainty"].any()
     assert not differs[models == "simple"].any()
+
+
+def test_a_study_knows_which_tables_were_computed_with_other_settings(tmp_path):
+    scenes, grid = random_scenes(1, seed=31), small_grid(GRID)
+    for name, engine in (("soft", SOFT), ("usual", None)):
+        result, _ = swept(make_plan(grid, scenes, engine), tmp_path)
+        write_judgments(tmp_path / "judgments", name, result.table)
+    judged = study_judgments(tmp_path, scenes)
+    assert judged.engines == {"soft": {"sound_speed": 20.0, "max_duration": 1.0}}
+    assert judged.on(scenes).engines == judged.engines
 
 
 def test_one_shard_can_hold_several_engines(tmp_path):

@@ -95,7 +95,10 @@ def recover(
         return
     typer.echo(f"{title}; {studies} simulated studies of {observers} observers each")
     shown = table.copy()
-    shown.columns = [f"{name:g}" if isinstance(name, int | float) else str(name) for name in table]
+    shown.columns = [
+        f"{name:g}" if isinstance(name, int | float) else str(name).replace("_", " ")
+        for name in table
+    ]
     print_table(shown)
     if out is not None:
         typer.echo(f"{out}: table and figure")

@@ -8,12 +8,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
 from pourcast.cli.interruption import said_if_interrupted
 from pourcast.progress import Report, TimeLeft, duration_in_words, waits_for
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 FIRST_BAR = 1.0
 """Work that takes longer shows a bar on a terminal [s] ..."""
@@ -139,21 +142,76 @@ def print_rows(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def print_columns(columns: Mapping[str, Sequence[Any]], *, decimals: int = 2) -> None:
-    """Print a small table with rich from its columns, of which the first names the rows."""
+    """Print a small table with rich from its columns, of which the first names the rows.
+
+    One that is too wide for the terminal is printed part by part, as rich would break numbers.
+    """
     from rich.console import Console
+
+    console = Console(markup=False, emoji=False)  # A unit such as [m2/s] is no markup.
+    (name, labels), *others = (
+        (name, [_cell(value, decimals) for value in values]) for name, values in columns.items()
+    )
+    first = _Column(name, labels, numeric=False)
+    parts: list[list[_Column]] = [[first]]
+    for name, cells in others:
+        numeric = {type(value) for value in columns[name]} <= {int, float}
+        column = _Column(name, cells, numeric)
+        part = [*parts[-1], column]
+        too_wide = sum(one.least + _GAP for one in part) - _GAP > console.width
+        if too_wide and len(parts[-1]) > 1:
+            parts.append([first, column])
+        else:
+            parts[-1] = part
+    for number, part in enumerate(parts):
+        if number:
+            console.print()
+        console.print(_rich_table(part))
+
+
+_GAP = 2
+"""Between columns, in characters."""
+
+_LONGEST_WORD = 20
+"""Longer words may be broken."""
+
+
+class _Column(NamedTuple):
+    """A column of a printed table."""
+
+    name: str
+    cells: list[str]
+    numeric: bool
+
+    @property
+    def least(self) -> int:
+        """Width that breaks no number, and no word but a long one."""
+        words = [word for text in (self.name, *self.cells) for word in text.split()]
+        numbers = self.cells if self.numeric else []
+        longest = min(max(map(len, words), default=1), _LONGEST_WORD)
+        return max(longest, *map(len, numbers), 1)
+
+
+def _cell(value: Any, decimals: int) -> str:
+    text = f"{value:.{decimals}f}" if isinstance(value, float) else str(value)
+    return "-" if text == "nan" else text
+
+
+def _rich_table(part: Sequence[_Column]) -> "Table":
     from rich.table import Table
 
-    first, *others = columns
+    first, *others = part
     table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column(first)
-    for name in others:
-        numeric = {type(value) for value in columns[name]} <= {int, float}
-        table.add_column(name, justify="right" if numeric else "left", overflow="fold")
-    for label, *row in zip(*columns.values(), strict=True):
-        cells = [f"{v:.{decimals}f}" if isinstance(v, float) else str(v) for v in row]
-        table.add_row(str(label), *("-" if cell == "nan" else cell for cell in cells))
-    # A unit such as [m2/s] is no markup.
-    Console(markup=False, emoji=False).print(table)
+    table.add_column(first.name)
+    for column in others:
+        least = column.least if column.numeric else None
+        table.add_column(
+            column.name, justify="right" if column.numeric else "left", overflow="fold",
+            min_width=least,
+        )  # fmt: skip
+    for cells in zip(*(column.cells for column in part), strict=True):
+        table.add_row(*cells)
+    return table
 
 
 def print_json(content: Any) -> None:

@@ -1,7 +1,7 @@
 """A study's people and models, compared: everything that `compare` prints and `report` shows."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,16 +12,24 @@ from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
+from pourcast.models.base import averages_pours, typical_pour
 from pourcast.models.registry import complete_presets, labels_of, make_model
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
-from pourcast.scenes.liquids.registry import called
+from pourcast.scenes.liquids.registry import called, resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.simulation.pour import Pour
 from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
 from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import Exclusion, arrange, exclude, remarks
-from pourcast.sweep.judgments import Judgments, judge_in_study, study_judgments, sweep_words
+from pourcast.sweep.judgments import (
+    Judgments,
+    LiquidAndModel,
+    judge_in_study,
+    study_judgments,
+    sweep_words,
+)
 
 LARGEST_R_HAT = 1.05
 """Chains of a posterior that differ by more are told of."""
@@ -80,6 +88,8 @@ class Comparison:
         People and models, one for each liquid.
     judged
         All judgments that were swept.
+    pours
+        Of each model that averages pours, the typical one, in a scene of each kind.
     exclusions, remarks
         What was taken out, and what else a reader should know of the data.
     individuals
@@ -96,6 +106,7 @@ class Comparison:
     settings: Settings
     compared: tuple[PeopleAndModels, ...]
     judged: Judgments
+    pours: tuple[Pour, ...]
     exclusions: tuple[Exclusion, ...]
     remarks: tuple[str, ...]
     individuals: Individuals
@@ -220,6 +231,7 @@ def compare_study(
         settings=settings,
         compared=people,
         judged=judged,
+        pours=tuple(_pours(scenes, wanted, own)),
         exclusions=tuple(exclusions),
         remarks=(
             *_models_remarks(specs, labels, own),
@@ -294,6 +306,18 @@ def _stacked(
     settings: Settings,
 ) -> pd.DataFrame:
     return pd.concat([make(one, settings) for one in people], ignore_index=True)
+
+
+def _pours(
+    scenes: Sequence[Scene], judged: Sequence[LiquidAndModel], own: Sequence[Liquid]
+) -> Iterator[Pour]:
+    """The typical pours of models, in a scene of each kind; none of those without any."""
+    kinds = {scene.goal.kind: scene for scene in scenes}.values()
+    for liquid, spec in judged:
+        model = make_model(spec, own)
+        if averages_pours(model):
+            for scene in kinds:
+                yield typical_pour(model.pours(scene, resolve_liquid(liquid, scene, own)))
 
 
 def _models_remarks(

@@ -2,15 +2,21 @@
 
 import hashlib
 import platform
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
 import pourcast
 from pourcast.comparison.compare import Comparison
 from pourcast.files import finished_files
+from pourcast.report.numbers import engine_in_words, fields_in_words, liquid_in_words
 from pourcast.scenes.liquids.registry import called
 from pourcast.simulation.run import engine_version
+from pourcast.simulation.settings import EngineSettings
 from pourcast.study.chosen import CHOSEN_FILE
+
+ENGINE = EngineSettings()
+"""What `comparison.compare` judges with: the settings as they come."""
 
 LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "numba", "matplotlib")
 
@@ -24,7 +30,8 @@ def methods(comparison: Comparison) -> str:
         f"{who if comparison.simulated else ''}Judgments were compared with models by pourcast "
         f"{pourcast.__version__} (engine {engine_version()}; {libraries}; Python "
         f"{platform.python_version()}), which implements the models of Bates, Yildirim, "
-        f"Tenenbaum, and Battaglia (2019). {_counts(comparison)} {_exclusions(comparison)} "
+        f"Tenenbaum, and Battaglia (2019). {_computed(comparison)}{_counts(comparison)} "
+        f"{_exclusions(comparison)} "
         "Agreement is the Pearson correlation of participants' mean judgment of each scene with "
         f"the model's, with {100 * settings.level:g} % percentile intervals from "
         f"{settings.resamples:,} bootstrap resamples of {_resampled(settings.resampled)}; "
@@ -37,6 +44,30 @@ def methods(comparison: Comparison) -> str:
         f"Kolmogorov-Smirnov test). {_choice(comparison)}"
         f"The seed of all resampling was {settings.seed}."
     )
+
+
+def _computed(comparison: Comparison) -> str:
+    """How pours were computed, and what their liquids are like; nothing if there were none."""
+    if not comparison.pours:
+        return ""
+    liquids = "; ".join(
+        f"{name} ({liquid_in_words(numbers)})" for name, numbers in _liquids(comparison)
+    )
+    swept = "".join(
+        f"Judgments of the sweep {name!r} were computed with {fields_in_words(changed)}. "
+        for name, changed in comparison.judged.engines.items()
+    )
+    return f"{engine_in_words(ENGINE, comparison.pours)} The liquids are {liquids}. {swept}"
+
+
+def _liquids(comparison: Comparison) -> list[tuple[str, dict[str, float]]]:
+    """Names and numbers of the liquids that were poured in models' heads."""
+    poured = [pour.liquid for pour in comparison.pours if pour.kind == "liquid"]
+    found: list[tuple[str, dict[str, float]]] = []
+    for liquid in poured:
+        if (one := (liquid.name, liquid.engine_identity)) not in found:
+            found.append(one)
+    return found
 
 
 def _choice(comparison: Comparison) -> str:
@@ -88,6 +119,13 @@ def provenance(comparison: Comparison) -> list[tuple[str, str]]:
         ("resamples", f"{settings.resamples} of {_resampled(settings.resampled)}"),
         (f"responses: {path.name}", f"sha256 {digest}"),
     ]
+    if comparison.pours:
+        rows += [("engine settings", fields_in_words(asdict(ENGINE)))]
+        rows += [(name, fields_in_words(numbers)) for name, numbers in _liquids(comparison)]
+        rows += [
+            (f"engine settings of the sweep {name}, where others", fields_in_words(changed))
+            for name, changed in comparison.judged.engines.items()
+        ]
     files = [study / name for name in ("study.toml", CHOSEN_FILE, "scenes.json")]
     files += finished_files(study / "judgments")
     grids = finished_files(study / "sweep" / "grids", "*.toml")

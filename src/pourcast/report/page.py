@@ -20,6 +20,7 @@ from pourcast.report import contents
 from pourcast.report.contents import Film, ReportFigure
 from pourcast.report.display import readable
 from pourcast.report.methods import methods, provenance
+from pourcast.report.numbers import how_drawn
 from pourcast.scenes.liquids.registry import called, colour_of
 from pourcast.statistics.correlation import mean_judgments
 from pourcast.study.chosen import read_chosen
@@ -106,7 +107,7 @@ def _render(
     )  # fmt: skip
     environment.filters["data_uri"] = data_uri
     script = files("pourcast.report").joinpath("templates", "explore.js").read_text("utf-8")
-    experiment = comparison.experiment
+    experiment, chosen = comparison.experiment, read_chosen(comparison.study)
     tables = {
         name: _as_shown(name, with_published(table, experiment) if name == "agreement" else table)
         for name, table in comparison.tables.items()
@@ -114,7 +115,8 @@ def _render(
     }
     return environment.get_template("report.html").render(
         comparison=comparison,
-        chosen=read_chosen(comparison.study),
+        chosen=chosen,
+        how_drawn=how_drawn(chosen) if chosen else [],
         experiment=(experiment.heading or experiment.name) if experiment else "own scenes",
         tables=tables,
         figures=[

@@ -5,7 +5,7 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,6 +27,7 @@ from pourcast.sweep.executors.choose import ClusterOptions, make_executor
 from pourcast.sweep.grid import Grid, GridFile, GridModels, make_grid
 from pourcast.sweep.plan import make_plan
 from pourcast.sweep.run import SweepReport, SweepResult, no_sweep_report, run_sweep
+from pourcast.sweep.settings import ENGINE
 from pourcast.sweep.store import Store
 from pourcast.sweep.table import LIQUIDS
 from pourcast.tables import (
@@ -68,12 +69,16 @@ class Judgments:
         Shape [row_count, scene_count]; NaN where none is known.
     own
         The study's own liquids.
+    engines
+        Names of the tables that were not computed with engine settings as they come, and what of
+        the settings was otherwise.
     """
 
     scenes: tuple[Scene, ...]
     rows: pd.DataFrame
     judgments: Array
     own: tuple[Liquid, ...] = ()
+    engines: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def find(self, liquid: str, spec: str) -> Array | None:
         """A model's judgments on all scenes; None if they are not all known.
@@ -99,7 +104,7 @@ class Judgments:
         """Only the judgments of some scenes."""
         index = {scene.id: k for k, scene in enumerate(self.scenes)}
         chosen = [index[scene.id] for scene in scenes]
-        return Judgments(tuple(scenes), self.rows, self.judgments[:, chosen], self.own)
+        return replace(self, scenes=tuple(scenes), judgments=self.judgments[:, chosen])
 
     def on_trials(self, liquid: str, **values: Any) -> NDArray[np.int64]:
         """Rows of models that judge trials with a liquid, with these values; see `where`.
@@ -199,7 +204,9 @@ def study_judgments(study: Path, scenes: Sequence[Scene]) -> Judgments:
     }
     for path, table in tables.items():
         _refuse_changed_liquids(path, table, own)
-    return judgments_of(tables.values(), scenes, own)
+    engines = {path.stem: table.attrs.get(ENGINE) for path, table in tables.items()}
+    changed = {name: settings for name, settings in engines.items() if settings}
+    return replace(judgments_of(tables.values(), scenes, own), engines=changed)
 
 
 def _refuse_changed_liquids(path: Path, table: pd.DataFrame, own: Sequence[Liquid]) -> None:

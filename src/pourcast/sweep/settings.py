@@ -61,7 +61,7 @@ class PourSetting:
         """All that determines the outcome in a scene, as JSON; but for the code."""
         content = asdict(self) | {"liquid": self.liquid.engine_identity}
         del content["engine"]
-        return json.dumps(content | _named_engine(self.engine), sort_keys=True)
+        return json.dumps(content | named_engine(self.engine), sort_keys=True)
 
     @property
     def version(self) -> str:
@@ -118,7 +118,7 @@ class JudgeSetting:
         if fingerprint := self.model.fingerprint:
             content["fingerprint"] = fingerprint
         if averages_pours(self.model):
-            content |= _named_engine(self.engine)
+            content |= named_engine(self.engine)
         return json.dumps(content, sort_keys=True)
 
     @property
@@ -187,11 +187,15 @@ def goal_version(goal: type[Goal]) -> str:
     return code_version((*defining_modules(goal, Goal), Goal.__module__), words=False)
 
 
-def _named_engine(engine: EngineSettings) -> dict[str, Any]:
-    """What of the engine settings is not as they come: all of them that an identity names."""
+ENGINE = "engine"
+"""What names the engine settings of results that were not computed with them as they come."""
+
+
+def named_engine(engine: EngineSettings) -> dict[str, Any]:
+    """What of the engine settings is not as they come: all of them that results name."""
     standard = asdict(EngineSettings())
     changed = {name: v for name, v in asdict(engine).items() if v != standard[name]}
-    return {"engine": changed} if changed else {}
+    return {ENGINE: changed} if changed else {}
 
 
 _NOT_SEEN = ("called", "goals", "film_seconds")

@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pourcast.sweep.plan import Answer, Plan
+from pourcast.sweep.settings import named_engine
 from pourcast.sweep.store import Store
 from pourcast.sweep.survey import PlannedRows
 from pourcast.tables import write_table
@@ -106,6 +107,8 @@ def judgment_table(plan: Plan, values: NDArray[np.float64]) -> pd.DataFrame:
     used = [liquid for liquid in plan.grid.own if liquid.name in named]
     if used:
         table.attrs[LIQUIDS] = {liquid.name: liquid.engine_identity for liquid in used}
+    for setting in plan.settings[:1]:  # all of a plan have the same engine settings
+        table.attrs |= named_engine(setting.engine)
     return table
 
 

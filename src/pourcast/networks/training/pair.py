@@ -4,12 +4,12 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import pourcast
 from pourcast.errors import InputError
 from pourcast.files import check_writable
 from pourcast.models.registry import presets
@@ -289,7 +289,7 @@ def _train_one(
     learned_from, validation = split(examples, request.seed)
     wanted = _wanted(request, liquid)
     made_with = {
-        "pourcast": version("pourcast"),
+        "pourcast": pourcast.__version__,
         "torch": str(torch_module().__version__),
         "device": device,
         "precision": "bfloat16" if has_half_precision(device) else "float32",
