@@ -69,6 +69,19 @@ def test_a_store_is_of_one_request(measured, tmp_path):
         run_waves(Request(waves=1, points=12, scenes=11), tmp_path)
 
 
+@pytest.mark.parametrize("name", ["request.json", "wave-1.json", "wave-1-left.json"])
+@pytest.mark.parametrize("text", ["{", "3", '{"a": 1}', '[["x"]]'])
+def test_a_damaged_file_of_the_store_is_told_in_one_line(measured, tmp_path, name, text):
+    if name == "request.json" and text.startswith('{"'):
+        pytest.skip("it is a request, if another one")
+    design = waves.first_design(12, len(space.CHOICES), 1)
+    (tmp_path / "wave-1.json").write_text(json.dumps(design.tolist()))
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=name) as told:
+        run_waves(Request(waves=2, points=12, scenes=10), tmp_path)
+    assert "\n" not in str(told.value)
+
+
 def test_a_later_wave_is_drawn_where_least_is_implausible(measured, tmp_path):
     _, first = run_waves(replace(REQUEST, waves=1), tmp_path)
     assert min(first.whole.volume, first.correlated.volume) > waves.MUCH
