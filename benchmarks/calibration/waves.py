@@ -277,6 +277,8 @@ def statistic_of(
 ) -> Statistic:
     """What decides whether a place is ruled out.
 
+    An output that isn't foretold tells no places apart, and rules none out.
+
     Parameters
     ----------
     emulators, wanted
@@ -289,11 +291,13 @@ def statistic_of(
     pairs = [
         (emulator, target)
         for emulator, target in zip(emulators, wanted, strict=True)
-        if variances or target.kind != "variance"
+        if emulator.foretells and (variances or target.kind != "variance")
     ]
-    chosen, kept = zip(*pairs, strict=True)
 
     def statistic(places: Array) -> Array:
+        if not pairs:
+            return np.zeros(len(places))
+        chosen, kept = zip(*pairs, strict=True)
         return kth_largest(implausibilities(places, chosen, kept), rank)
 
     return statistic

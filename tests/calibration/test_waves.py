@@ -83,9 +83,11 @@ def test_a_damaged_file_of_the_store_is_told_in_one_line(measured, tmp_path, nam
 
 
 def test_a_later_wave_is_drawn_where_least_is_implausible(measured, tmp_path):
-    _, first = run_waves(replace(REQUEST, waves=1), tmp_path)
+    request = replace(REQUEST, points=40, scenes=60)
+    _, first = run_waves(replace(request, waves=1), tmp_path)
+    assert sum(one.foretells for one in first.emulators) >= 2
     assert min(first.whole.volume, first.correlated.volume) > waves.MUCH
-    run_waves(REQUEST, tmp_path)
+    run_waves(replace(request, waves=2), tmp_path)
     drawn = np.array(json.loads((tmp_path / "wave-2.json").read_text()))
     assert len(drawn) == 8
     anywhere = np.random.default_rng(0).random((500, len(space.CHOICES)))
@@ -143,3 +145,13 @@ def test_a_choice_can_be_held_from_any_wave_on(measured, tmp_path):
     for word in ("water.colour=1", "water.cohesion=", "water.cohesion=2", "water.cohesion=much"):
         with pytest.raises(InputError, match=r"^hold: "):
             space.read_held([word])
+
+
+def test_an_output_that_is_not_foretold_rules_nothing_out(measured, tmp_path):
+    _, wave = run_waves(replace(REQUEST, waves=1), tmp_path)
+    blind = [replace(one, explained=-1.0) for one in wave.emulators]
+    anywhere = np.random.default_rng(0).random((50, len(space.CHOICES)))
+    assert not waves.statistic_of(blind, wave.targets, 1)(anywhere).any()
+    shown = report.sensitivity(replace(wave, emulators=blind), seed=1)
+    assert np.isnan(shown.total).all()
+    assert not shown.largest.any()
