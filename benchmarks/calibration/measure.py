@@ -229,9 +229,12 @@ def measure(
         if different:
             raise InputError(f"{done}: other {', '.join(different)}: take another --store")
         try:
-            return Measured(**content["measured"])
+            found = Measured(**content["measured"])
         except (KeyError, TypeError):
             raise InputError(f"{done}: measured: expected what a point gave") from None
+        if not found.failure:
+            _scenes(here, scenes, seed, folder)  # lest others have been put in place since
+        return found
     write_text(folder / "point.toml", point_text(point))
     try:
         found = _measure(here, dict(point), (scenes, seed, stride), folder)

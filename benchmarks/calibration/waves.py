@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.calibration import space
-from benchmarks.calibration.emulator import Emulator, fit
+from benchmarks.calibration.emulator import LEAST_POINTS, Emulator, fit
 from benchmarks.calibration.matching import (
     PROMISING_LEVELS,
     Region,
@@ -320,6 +320,12 @@ def emulate(
         Of the fits.
     """
     good = [k for k, one in enumerate(measured) if not one.failure]
+    if len(good) < LEAST_POINTS:
+        why = next((one.failure for one in measured if one.failure), "too few were asked for")
+        raise InputError(
+            f"{len(measured) - len(good)} of {len(measured)} points failed: emulators need "
+            f"{LEAST_POINTS}; one says: {why}"
+        )
     pooled = pooled_sampling([measured[k] for k in good])
     kept, emulators = [], []
     for target in targets(pooled):
