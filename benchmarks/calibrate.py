@@ -23,6 +23,8 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from benchmarks.calibration import check, space
+from benchmarks.calibration.emulator import LEAST_POINTS
+from benchmarks.calibration.measure import LEAST_SCENES
 from benchmarks.calibration.report import write_report
 from benchmarks.calibration.waves import Request, run_waves
 from pourcast.cli.terminal import progress_bar
@@ -34,9 +36,11 @@ def main(words: list[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--waves", type=_from(1), default=3)
-    parser.add_argument("--points", type=_from(2), default=60, help="points in the first wave")
+    parser.add_argument(
+        "--points", type=_from(LEAST_POINTS), default=60, help="points in the first wave"
+    )
     parser.add_argument("--later-points", type=_from(2), help="points in each later wave; as many")
-    parser.add_argument("--scenes", type=_from(2), default=30, help="scenes at a point")
+    parser.add_argument("--scenes", type=_from(LEAST_SCENES), default=30, help="scenes at a point")
     parser.add_argument("--seed", type=_from(0), default=1)
     parser.add_argument("--workers", type=_from(1), default=available_cores())
     parser.add_argument("--store", type=Path, required=True, help="folder of all results")

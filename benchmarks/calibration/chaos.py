@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.calibration.measure import LIQUID_OF, parameters_of
+from benchmarks.calibration.measure import LIQUID_OF, parameters_of, read_json
 from benchmarks.calibration.space import HONEY_NAME, Point, World, world
 from pourcast.files import write_text
 from pourcast.scenes.scene import Scene
@@ -39,8 +39,7 @@ def mean_changes(point: Point, folder: Path) -> dict[str, float]:
         here, scenes = world(point), read_scenes(folder / "scenes.json")
         found = {name: _mean_change(here, name, scenes) for name in LIQUID_OF}
         write_text(done, json.dumps(found) + "\n")
-    content: dict[str, float] = json.loads(done.read_text(encoding="utf-8"))
-    return content
+    return read_json(done)
 
 
 def _mean_change(here: World, name: str, scenes: list[Scene]) -> float:

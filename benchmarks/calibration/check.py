@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.calibration import chaos
-from benchmarks.calibration.measure import Errand, Measured, measure_all
+from benchmarks.calibration.measure import (
+    DONE,
+    Errand,
+    Measured,
+    is_current,
+    measure_all,
+    read_json,
+)
 from benchmarks.calibration.space import Point, point_text
 from benchmarks.calibration.targets import RIVALS, TRUTHS, VARIANCES, people_bounds
 from benchmarks.calibration.waves import scene_seed
@@ -64,9 +71,20 @@ def measure_checks(
     return {name: [next(checked) for _ in range(seeds)] for name in points}
 
 
+def done_before(point: Point, folder: Path) -> list[Measured]:
+    """What a point gave on all fresh sets that a folder of checks has; stale ones don't count."""
+    given = f"{_digest(point)}-*/*/{DONE}"
+    contents = [read_json(path) for path in sorted(folder.glob(given))]
+    found = [Measured(**one["measured"]) for one in contents if is_current(one["key"], point)]
+    return [one for one in found if not one.failure]
+
+
+def _digest(point: Point) -> str:
+    return hashlib.sha256(point_text(point).encode()).hexdigest()[:12]
+
+
 def _name(point: Point, scenes: int, seed: int, number: int) -> str:
-    digest = hashlib.sha256(point_text(point).encode()).hexdigest()[:12]
-    return f"{digest}-{scenes}-seed-{seed}/{number}"
+    return f"{_digest(point)}-{scenes}-seed-{seed}/{number}"
 
 
 def check_table(found: Mapping[str, Sequence[Checked]]) -> str:

@@ -4,6 +4,10 @@ A Gaussian process for each output (Rasmussen and Williams 2006): a linear trend
 a Matern 5/2 remainder with a length of its own for each choice, so that a choice which doesn't
 matter gets a long one. The sampling noise of each measurement is known and given; what noise there
 is beyond it is learned.
+
+How good one is, folds say: `FOLDS` times it is fitted anew, lengths and noise too, without a share
+of the points, which it then foretells. Where it foretells no better than the mean of the others
+does, the output is emulated by its mean: everywhere the same, and as unsure as the points differ.
 """
 
 import warnings
@@ -11,10 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, DotProduct, Matern, WhiteKernel
+from sklearn.model_selection import KFold
+
+from pourcast.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -23,8 +29,15 @@ LENGTHS = (0.6, 40.0)
 
 RESTARTS = 1
 
+FOLDS = 6
+LEAST_POINTS = 10
+"""With a value; fewer say nothing of 13 choices."""
+
 LEAST_SIGNAL = 0.05
 """Share of the variance among points that can be told from sampling noise."""
+
+SURE = 2.0
+"""Standard errors by which an emulator must be better than the mean to count."""
 
 
 @dataclass(frozen=True)
@@ -35,21 +48,32 @@ class Emulator:
     centre: float
     scale: float
     residuals: Array
-    """Of leaving each point out, over their standard deviations; shape [point_count]."""
+    """Of points that it was fitted without, over their standard deviations; [point_count]."""
     explained: float
-    """Share of the signal that leaving one out foretells."""
+    """Share of the signal that is foretold of points that it was fitted without; below 0 where the
+    mean of the others foretells better."""
+    error: float
+    """Standard error of `explained`, over the points."""
     signal: float
     """Share of the variance among points that is more than sampling noise."""
 
+    @property
+    def foretells(self) -> bool:
+        """Whether it foretells anything; otherwise it gives the mean."""
+        return self.signal >= LEAST_SIGNAL and self.explained > SURE * self.error
+
     def predict(self, places: Array) -> tuple[Array, Array]:
         """Mean and variance at places, shape [place_count, choice_count]; without noise."""
-        mean, deviation = self.process.predict(_centred(places), return_std=True)
-        # scikit-learn counts white noise in, even for places that were not measured.
-        variance = np.maximum(deviation**2 - self.process.kernel_.k2.noise_level, 1e-8)
+        if not self.foretells:
+            variance = self.scale**2 * max(self.signal, 1e-8)
+            return self.mean(places), np.full(len(places), variance)
+        mean, variance = _predicted(self.process, places)
         return self.centre + self.scale * mean, self.scale**2 * variance
 
     def mean(self, places: Array) -> Array:
         """Mean at places: faster than `predict`."""
+        if not self.foretells:
+            return np.full(len(places), self.centre)
         mean: Array = self.centre + self.scale * self.process.predict(_centred(places))
         return mean
 
@@ -71,41 +95,73 @@ def fit(places: Array, values: Array, noise: Array, seed: int = 0) -> Emulator:
     noise
         Variance of each value's sampling.
     seed
-        Of the restarts of the search for the lengths.
+        Of the folds, and of the restarts of the search for the lengths.
+
+    Raises
+    ------
+    InputError
+        If fewer than `LEAST_POINTS` have a value.
     """
     there = np.isfinite(values)
+    if there.sum() < LEAST_POINTS:
+        raise InputError(
+            f"an emulator needs at least {LEAST_POINTS} points with a value, found {there.sum()}"
+        )
     places, values, noise = places[there], values[there], noise[there]
     centre, scale = float(values.mean()), float(values.std()) or 1.0
+    values, noise = (values - centre) / scale, noise / scale**2
+    # As the values are scaled, their variance is 1, and what isn't noise is signal.
+    signal = 1.0 - float(np.mean(noise))
+    residuals, gains = _left_out(places, values, noise, seed)
+    gains = gains / max(signal, LEAST_SIGNAL)
+    error = float(gains.std(ddof=1)) / np.sqrt(len(gains))
+    process = _process(places, values, noise, seed)
+    return Emulator(process, centre, scale, residuals, float(gains.mean()), error, signal)
+
+
+def _left_out(places: Array, values: Array, noise: Array, seed: int) -> tuple[Array, Array]:
+    """Of each point, foretold by what was fitted without its fold.
+
+    Its standardised residual, and how much smaller its squared error is than that of the mean.
+    """
+    residuals, gains = np.empty(len(values)), np.empty(len(values))
+    for kept, out in KFold(FOLDS, shuffle=True, random_state=seed).split(places):
+        mean, variance = _predicted(
+            process := _process(places[kept], values[kept], noise[kept], seed), places[out]
+        )
+        errors = values[out] - mean
+        residuals[out] = errors / np.sqrt(variance + _own_noise(process) + noise[out])
+        gains[out] = (values[out] - values[kept].mean()) ** 2 - errors**2
+    return residuals, gains
+
+
+def _process(places: Array, values: Array, noise: Array, seed: int) -> GaussianProcessRegressor:
+    """A Gaussian process, its lengths and noise learned from these points alone."""
     kernel = (
         ConstantKernel(0.1, (1e-3, 10.0)) * DotProduct(1.0, "fixed")
         + ConstantKernel(0.5, (1e-3, 10.0)) * Matern(np.full(places.shape[1], 2.0), LENGTHS, nu=2.5)
         + WhiteKernel(0.01, (1e-4, 1.0))
     )
     process = GaussianProcessRegressor(
-        kernel, alpha=noise / scale**2, n_restarts_optimizer=RESTARTS, random_state=seed
+        kernel, alpha=noise, n_restarts_optimizer=RESTARTS, random_state=seed
     )
     with warnings.catch_warnings():
         # Lengths at a bound are what choices without any influence have.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        process.fit(_centred(places), (values - centre) / scale)
-    residuals, errors = _left_out(process, (values - centre) / scale)
-    # As the values are scaled, their variance is 1, and what isn't noise is signal.
-    signal = 1.0 - float(np.mean(noise)) / scale**2
-    explained = float(np.clip((1.0 - np.mean(errors**2)) / max(signal, LEAST_SIGNAL), 0.0, 1.0))
-    if signal < LEAST_SIGNAL:
-        explained = 0.0
-    return Emulator(process, centre, scale, residuals, explained, signal)
+        process.fit(_centred(places), values)
+    return process
 
 
-def _left_out(process: GaussianProcessRegressor, values: Array) -> tuple[Array, Array]:
-    """Standardised residuals and errors of leaving each point out.
+def _predicted(process: GaussianProcessRegressor, places: Array) -> tuple[Array, Array]:
+    """Mean and variance without noise, both scaled."""
+    mean, deviation = process.predict(_centred(places), return_std=True)
+    # scikit-learn counts white noise in, even for places that were not measured.
+    return mean, np.maximum(deviation**2 - _own_noise(process), 1e-8)
 
-    Rasmussen and Williams 2006, equations 5.10 to 5.12; lengths are kept.
-    """
-    inverse = cho_solve((process.L_, True), np.eye(len(values)))
-    precision = np.diag(inverse)
-    errors = (inverse @ values) / precision
-    return errors * np.sqrt(precision), errors
+
+def _own_noise(process: GaussianProcessRegressor) -> float:
+    """Variance of noise beyond sampling's, scaled."""
+    return float(process.kernel_.k2.noise_level)
 
 
 def _centred(places: Array) -> Array:

@@ -2,16 +2,18 @@
 
     FOLDER/point.toml       the point
     FOLDER/scenes.json      its scenes
+    FOLDER/drawn.json       how they were drawn, and their digest
     FOLDER/sweep/           the store of its pours
     FOLDER/measured.json    judgments of each model on each scene: done means that it is there
 
 Whatever is there is not done again, so that it can be interrupted at any moment.
 """
 
+import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +26,12 @@ from benchmarks.calibration.targets import MODELS, VARIANCES, Target
 from pourcast.errors import InputError, SimulationDivergedError
 from pourcast.files import write_text
 from pourcast.models.base import zeta_window
-from pourcast.models.registry import presets
+from pourcast.models.registry import make_model, presets
 from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes, write_scenes
 from pourcast.simulation.run import engine_version
+from pourcast.simulation.versions import code_version
 from pourcast.study.selection import filtered_scenes
 from pourcast.sweep.executors.in_process import InProcessExecutor
 from pourcast.sweep.executors.local import LocalExecutor
@@ -43,6 +46,9 @@ Array = NDArray[np.float64]
 
 SHARD_SECONDS = 20.0
 """Work that is lost at most when a worker is killed [s of one core]."""
+
+LEAST_SCENES = 5
+"""Of a point: Fisher's z of n scenes has the variance 1 / (n - 3)."""
 
 WINDOW = 9
 """Values of zeta in the window of an IFE."""
@@ -214,28 +220,85 @@ def measure(
     InputError
         If the folder holds another point, or what another state of the engine gave.
     """
-    key = {
-        "point": dict(point),
-        "scenes": scenes,
-        "seed": seed,
-        "stride": stride,
-        "engine": engine_version(),
-    }
+    here = world(point)
+    key = key_of(here, scenes, seed, stride) | {"point": dict(point)}
     done = folder / DONE
     if done.exists():
-        content = json.loads(done.read_text(encoding="utf-8"))
-        if content["key"] != key:
-            raise InputError(
-                f"{done}: another point, or another state of the engine: take another --store"
-            )
-        return Measured(**content["measured"])
+        content = read_json(done)
+        different = [name for name in key if content.get("key", {}).get(name) != key[name]]
+        if different:
+            raise InputError(f"{done}: other {', '.join(different)}: take another --store")
+        try:
+            found = Measured(**content["measured"])
+        except (KeyError, TypeError):
+            raise InputError(f"{done}: measured: expected what a point gave") from None
+        if not found.failure:
+            _scenes(here, scenes, seed, folder)  # lest others have been put in place since
+        return found
     write_text(folder / "point.toml", point_text(point))
     try:
-        found = _measure(world(point), dict(point), (scenes, seed, stride), folder)
+        found = _measure(here, dict(point), (scenes, seed, stride), folder)
     except (InputError, SimulationDivergedError) as error:
         found = Measured(dict(point), failure=str(error))
     write_text(done, json.dumps({"key": key, "measured": vars(found)}) + "\n")
     return found
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a file of the store.
+
+    Raises
+    ------
+    InputError
+        If it can't be read, or holds something else.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not a JSON file ({error})") from None
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: expected an object, found {type(content).__name__}")
+    return content
+
+
+def key_of(here: World, scenes: int, seed: int, stride: int) -> dict[str, Any]:
+    """All that decides what a point gives: what the world is, numbers and code alike."""
+    return scenes_key(here, scenes, seed) | {
+        "stride": stride,
+        "liquids": [here.water.engine_identity, here.honey.engine_identity],
+        "models": {name: [presets()[name]["model"], parameters_of(name)] for name in MODELS},
+        "models' code": code_version(sources_of_key(), ("pourcast.simulation.versions",)),
+    }
+
+
+def sources_of_key() -> tuple[str, ...]:
+    """Modules that define the models; their imports count with them."""
+    return tuple(sorted({type(make_model(name)).__module__ for name in MODELS}))
+
+
+def is_current(key: Mapping[str, Any], point: Point) -> bool:
+    """Whether a key of the store is what the same errand would have today."""
+    asked = {name: key.get(name, 0) for name in ("scenes", "seed", "stride")}
+    return key == key_of(world(point), **asked) | {"point": dict(point)}
+
+
+def scenes_key(here: World, scenes: int, seed: int) -> dict[str, Any]:
+    """All that decides which scenes are drawn, and which of these pass."""
+    rule = {name: value for name, value in vars(here.rule).items() if name != "settings"}
+    return {
+        "scenes": scenes,
+        "seed": seed,
+        "engine settings": asdict(here.engine),
+        "family": asdict(here.family),
+        "filter": rule | {"liquid": here.water.engine_identity},
+        "scenes' code": code_version(
+            (type(here.family).__module__, type(here.rule).__module__),
+            ("pourcast.simulation.versions", "pourcast.networks"),
+        ),
+        "engine": engine_version(),
+    }
 
 
 def _measure(
@@ -266,14 +329,25 @@ def _measure(
 
 
 def _scenes(here: World, count: int, seed: int, folder: Path) -> tuple[list[Scene], int, int]:
-    """A point's scenes, how many were drawn for them, and how many of those passed."""
-    path, counts = folder / "scenes.json", folder / "drawn.json"
-    if not (path.exists() and counts.exists()):
-        chosen = filtered_scenes(here.family, count, seed, rule=here.rule)
-        write_scenes(path, chosen.scenes)
-        write_text(counts, json.dumps([chosen.drawn, chosen.kept]))
-    drawn, kept = json.loads(counts.read_text(encoding="utf-8"))
-    return read_scenes(path), drawn, kept
+    """A point's scenes, how many were drawn for them, and how many of those passed.
+
+    Other scenes than were drawn for this key, or by it before one of them changed, are not taken.
+    """
+    path, notes = folder / "scenes.json", folder / "drawn.json"
+    key = scenes_key(here, count, seed)
+    if path.exists() and notes.exists():
+        note = read_json(notes)
+        if note.get("key") == key and note.get("sha256") == _sha256(path):
+            return read_scenes(path), int(note["drawn"]), int(note["kept"])
+    chosen = filtered_scenes(here.family, count, seed, rule=here.rule)
+    write_scenes(path, chosen.scenes)
+    note = {"drawn": chosen.drawn, "kept": chosen.kept, "sha256": _sha256(path), "key": key}
+    write_text(notes, json.dumps(note) + "\n")
+    return read_scenes(path), chosen.drawn, chosen.kept
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _stranded(plan: Plan, store: Store, files: Sequence[Path]) -> dict[int, float]:

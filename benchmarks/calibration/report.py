@@ -22,11 +22,14 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 from SALib.analyze import sobol as sobol_indices
 from SALib.sample import sobol as sobol_sample
 
 from benchmarks.calibration import space
+from benchmarks.calibration.check import done_before
+from benchmarks.calibration.emulator import FOLDS, SURE
 from benchmarks.calibration.matching import (
     CUTOFF,
     Statistic,
@@ -34,7 +37,7 @@ from benchmarks.calibration.matching import (
     region,
 )
 from benchmarks.calibration.measure import Measured
-from benchmarks.calibration.targets import VARIANCES, Kind, Target
+from benchmarks.calibration.targets import RIVALS, TRUTHS, VARIANCES, Kind, Target
 from benchmarks.calibration.waves import Left, Request, Wave, statistic_of
 from pourcast.errors import InputError
 from pourcast.files import write_text
@@ -55,21 +58,35 @@ SHOWN = 7
 CANDIDATES = 1500
 """Places among which one is recommended."""
 
+DRAWS = 400
+"""From emulators, for the band of the trade-off's front."""
+
+TAKEN = Path(__file__).with_name("recommended.toml")
+"""The point that the product takes."""
+
 CANDIDATE_LEVELS = 3
 """How far the level of misses is lowered for them; see `matching.region`."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Total-effect indices (Homma and Saltelli 1996), shape [output_count, choice_count]."""
+    """Total-effect indices (Homma and Saltelli 1996), shape [output_count, choice_count].
+
+    NaN for an output that its emulator doesn't foretell: its lengths are noise.
+    """
 
     outputs: tuple[str, ...]
     total: Array
 
     @property
+    def largest(self) -> Array:
+        """Of each choice, over the outputs that are foretold; 0 if none is."""
+        return np.nan_to_num(self.total).max(axis=0)
+
+    @property
     def order(self) -> NDArray[np.int64]:
         """Choices, the most influential of any output first."""
-        return np.argsort(-self.total.max(axis=0), kind="stable")
+        return np.argsort(-self.largest, kind="stable")
 
 
 def sensitivity(wave: Wave, seed: int) -> Sensitivity:
@@ -89,11 +106,14 @@ def sensitivity(wave: Wave, seed: int) -> Sensitivity:
     for emulator, target in zip(wave.emulators, wave.targets, strict=True):
         if target.kind == "bound" and target.name != "truth-water / water-ife":
             continue
+        outputs.append(label(target))
+        if not emulator.foretells:
+            rows.append(np.full(len(names), np.nan))
+            continue
         found = sobol_indices.analyze(
             problem, emulator.mean(places), calc_second_order=False, num_resamples=2, seed=seed
         )
         rows.append(np.clip(found["ST"], 0.0, None))
-        outputs.append(label(target))
     return Sensitivity(tuple(outputs), np.array(rows))
 
 
@@ -183,6 +203,10 @@ class TradeOff:
     """Root mean square distance of the ten correlations from the paper's."""
     front: NDArray[np.int64]
     """Places that no other beats in both, from small variance to large."""
+    low: Array
+    high: Array
+    """Gap at each place of the front as emulators are unsure of it: 10 % and 90 % of draws, each
+    output drawn by itself."""
 
 
 def trade_off(wave: Wave, seed: int) -> TradeOff:
@@ -197,18 +221,23 @@ def trade_off(wave: Wave, seed: int) -> TradeOff:
     """
     anywhere = np.random.default_rng(seed).random((4000, len(space.CHOICES)))
     places = np.concatenate([wave.whole.places, wave.correlated.places, anywhere])
-    ratios, gaps = [], []
-    for emulator, target in zip(wave.emulators, wave.targets, strict=True):
-        if target.kind == "variance":
-            ratios.append(emulator.mean(places) - target.low)
-        elif target.kind == "correlation":
-            gaps.append(np.tanh(emulator.mean(places)) - np.tanh(target.low))
+    pairs = list(zip(wave.emulators, wave.targets, strict=True))
+    correlations = [pair for pair in pairs if pair[1].kind == "correlation"]
+    ratios = [e.mean(places) - target.low for e, target in pairs if target.kind == "variance"]
+    gaps = [np.tanh(e.mean(places)) - np.tanh(target.low) for e, target in correlations]
     ratio = np.exp(np.mean(ratios, axis=0))
     gap = np.sqrt(np.mean(np.square(gaps), axis=0))
     order = np.argsort(ratio)
     lowest = np.minimum.accumulate(gap[order])
     front = order[np.flatnonzero(np.diff(lowest, prepend=np.inf) < 0.0)]
-    return TradeOff(ratio, gap, front)
+    rng = np.random.default_rng(seed)
+    drawn = []
+    for emulator, target in correlations:
+        mean, variance = emulator.predict(places[front])
+        z = mean + np.sqrt(variance) * rng.normal(size=(DRAWS, len(front)))
+        drawn.append(np.tanh(z) - np.tanh(target.low))
+    low, high = np.quantile(np.sqrt(np.mean(np.square(drawn), axis=0)), [0.1, 0.9], axis=0)
+    return TradeOff(ratio, gap, front, low, high)
 
 
 def write_report(left: Sequence[Left], last: Wave, request: Request, store: Path) -> str:
@@ -225,11 +254,12 @@ def write_report(left: Sequence[Left], last: Wave, request: Request, store: Path
     """
     matters, best = sensitivity(last, request.seed), recommend(last, request.held)
     curve = trade_off(last, request.seed)
+    taken = done_before(space.read_point(TAKEN), store / "check")
     write_text(store / "recommended.toml", space.point_text(best.point))
     with mpl.rc_context(RC):
         save_figure(_sensitivity_figure(matters), store / "sensitivity", simulated=False)
         save_figure(_region_figure(last, matters, best), store / "region", simulated=False)
-        save_figure(_trade_off_figure(curve, last), store / "trade-off", simulated=False)
+        save_figure(_trade_off_figure(curve, last, taken), store / "trade-off", simulated=False)
     parts = [
         "# Calibration by history matching",
         f"{len(left)} waves, {request.points} points in the first and {request.later_points} in "
@@ -240,6 +270,7 @@ def write_report(left: Sequence[Left], last: Wave, request: Request, store: Path
         _emulator_table(last),
         "## Which choices matter",
         "![Total effects](sensitivity.png)",
+        "Of outputs that no emulator foretells nothing is shown.",
         _effects_table(matters),
         "## What survives",
         "![What survives](region.png)",
@@ -249,6 +280,9 @@ def write_report(left: Sequence[Left], last: Wave, request: Request, store: Path
         _predicted_table(last, best),
         "## What can't be met at once",
         "![Variance against correlations](trade-off.png)",
+        "The front is a minimum over thousands of emulated means: with its outputs foretold it is "
+        "better than any point is. Outputs that are not foretold stand in it with their mean over "
+        "all points, which is worse than a good point's.",
         _trade_off_table(curve),
     ]
     text = "\n\n".join(parts) + "\n"
@@ -284,16 +318,19 @@ def _emulator_table(wave: Wave) -> str:
         [
             label(target),
             f"{emulator.signal:.2f}",
-            f"{emulator.explained:.2f}",
+            f"{emulator.explained:.2f} +- {emulator.error:.2f}",
+            "yes" if emulator.foretells else "no: its mean is taken",
             f"{emulator.misfit:.2f}",
         ]
         for emulator, target in zip(wave.emulators, wave.targets, strict=True)
     ]
-    heads = ["output", "signal", "explained when left out", "RMS of standardised residuals"]
+    heads = ["output", "signal", "explained when left out", "foretold", "RMS of residuals"]
     note = (
-        "Each point is left out once. Signal: share of the variance among points that is more than "
-        "sampling noise. Explained: share of the signal that is foretold. The residuals' root mean "
-        "square is 1 if emulators are as sure as they say."
+        f"Each point is left out once, with a {FOLDS}th of them, and emulators are fitted anew "
+        "without these. Signal: share of the variance among points that is more than sampling "
+        "noise. Explained: share of the signal that is foretold, below 0 where the mean of the "
+        f"others foretells better; an output counts as foretold from {SURE:g} standard errors on. "
+        "The standardised residuals' root mean square is 1 if emulators are as sure as they say."
     )
     return f"{note}\n\n{_table(heads, rows)}"
 
@@ -303,8 +340,8 @@ def _effects_table(matters: Sensitivity) -> str:
     rows = [
         [
             names[k],
-            f"{matters.total[:, k].max():.2f}",
-            matters.outputs[matters.total[:, k].argmax()],
+            f"{matters.largest[k]:.2f}",
+            matters.outputs[np.nan_to_num(matters.total[:, k]).argmax()],
         ]
         for k in matters.order
     ]
@@ -359,8 +396,16 @@ def _plain(target: Target, value: float) -> str:
 
 def _trade_off_table(curve: TradeOff) -> str:
     picks = np.unique(np.linspace(0, len(curve.front) - 1, 8).round().astype(int))
-    rows = [[f"{curve.ratio[k]:.2f}", f"{curve.gap[k]:.3f}"] for k in curve.front[picks]]
-    return _table(["variance over the paper's", "RMS gap of the ten correlations"], rows)
+    rows = [
+        [
+            f"{curve.ratio[curve.front[k]]:.2f}",
+            f"{curve.gap[curve.front[k]]:.3f}",
+            f"{curve.low[k]:.3f} to {curve.high[k]:.3f}",
+        ]
+        for k in picks
+    ]
+    heads = ["variance over the paper's", "RMS gap of the ten correlations", "80 % of draws"]
+    return _table(heads, rows)
 
 
 def _sensitivity_figure(matters: Sensitivity) -> Figure:
@@ -379,6 +424,11 @@ def _sensitivity_figure(matters: Sensitivity) -> Figure:
             axes.text(
                 column, row, f"{value:.2f}"[1:], ha="center", va="center", size=6, color=shade
             )
+    unknown = np.flatnonzero(np.isnan(matters.total).any(axis=1))
+    for column in unknown:
+        axes.axvspan(column - 0.5, column + 0.5, fc="white", ec=GREY, hatch="///", lw=0)
+    if len(unknown):
+        axes.set_title("hatched: not foretold out of fold, no effects known", size=7, color=GREY)
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
     figure.colorbar(image, ax=axes, label="total effect", shrink=0.6)
@@ -425,21 +475,64 @@ def _region_figure(wave: Wave, matters: Sensitivity, best: Recommended) -> Figur
     return figure
 
 
-def _trade_off_figure(curve: TradeOff, wave: Wave) -> Figure:
+def _trade_off_figure(curve: TradeOff, wave: Wave, taken: Sequence[Measured]) -> Figure:
     figure = new_figure(PAGE, 3.2)
     axes = figure.subplots()
     axes.scatter(curve.ratio, curve.gap, s=2, color=GREY, alpha=0.2, lw=0, label="emulated")
-    measured = [gaps_of(one) for one in wave.measured if not one.failure]
-    ratio, gap = np.array(measured).T
-    axes.scatter(ratio, gap, s=8, color=BLUE, label="measured, with its sampling noise")
-    axes.plot(curve.ratio[curve.front], curve.gap[curve.front], color=RED, label="best of both")
+    good = [one for one in wave.measured if not one.failure]
+    ratio, gap = np.array([gaps_of(one) for one in good]).T
+    axes.scatter(
+        ratio, gap, s=8, color=BLUE,
+        label=f"measured on {good[0].scenes} scenes\n(their sampling alone: {_noise(good):.2f})",
+    )  # fmt: skip
+    front = curve.ratio[curve.front]
+    axes.plot(front, curve.gap[curve.front], color=RED, label="best of the emulated")
+    axes.fill_between(
+        front, curve.low, curve.high, color=RED, alpha=0.2, lw=0,
+        label="as emulators are unsure\n(80 % of draws)",
+    )  # fmt: skip
+    if taken:
+        axes.plot(
+            *gaps_of_all(taken), "*", color="black", ms=9,
+            label=f"taken, measured on\n{len(taken)} x {taken[0].scenes} scenes",
+        )  # fmt: skip
     axes.axvspan(0.5, 2.0, color=ORANGE, alpha=0.15, lw=0, label="within a factor of two")
     axes.set(
-        xscale="log", xlabel="variance over the window of zeta, over the paper's",
+        xscale="log",
+        xlabel="variance over the window of zeta, over the paper's (geometric mean of the three)",
         ylabel="RMS gap of ten correlations", ylim=(0.0, None),
     )  # fmt: skip
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
+
+
+def _noise(measured: Sequence[Measured]) -> float:
+    """RMS of what sampling alone adds to the ten correlations of a point."""
+    shares = []
+    for truth in TRUTHS:
+        for rival in RIVALS:
+            slopes = [1.0 - one.correlation(rival, truth) ** 2 for one in measured]
+            shares.append(np.nanmean(np.square(slopes)) / (measured[0].scenes - 3))
+    return float(np.sqrt(np.mean(shares)))
+
+
+def gaps_of_all(sets: Sequence[Measured]) -> tuple[float, float]:
+    """The same of several sets of a point together: correlations and variances are averaged."""
+    variances = [
+        np.mean([one.scene_variances(ife).mean() for one in sets]) / paper
+        for ife, paper in VARIANCES.items()
+    ]
+    gaps = [
+        np.mean([one.correlation(rival, truth) for one in sets])
+        - PUBLISHED.with_truth[truth][rival]
+        for truth in TRUTHS
+        for rival in RIVALS
+    ]
+    ratio = float(np.exp(np.mean(np.log(variances))))
+    return ratio, float(np.sqrt(np.mean(np.square(gaps))))
 
 
 def gaps_of(one: Measured) -> tuple[float, float]:

@@ -5,6 +5,7 @@ the scene family and the filter; what a point doesn't name stays as the product 
 that the paper gives (N, alpha, zeta, sigma, area of the obstacles) are no choices.
 """
 
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -158,6 +159,35 @@ what it left open, but for cohesion of water, which it had searched to 0.01 only
 """
 
 
+NOT_OPEN = (
+    "name",
+    "called",
+    "goals",
+    "colour",
+    "glass_colour",
+    "film_seconds",
+    "liquid",
+    "settings",
+)
+"""Fields that a point doesn't have: what the liquids are called, what the filter pours."""
+
+LIMITS = {
+    "family.cell_count": (1.0, 10_000.0),
+    "family.band_bottom": (0.0, 1.25),
+    "family.band_top": (0.0, 1.5),
+    "family.solid_area": (1e-3, 1.0),
+    "family.wall_gap": (0.0, 0.4),
+    "family.liquid_y": (0.1, 1.5),
+    "family.liquid_spread": (0.0, 0.4),
+    "filter.n_particles": (1.0, 10_000.0),
+    "filter.damping_zeta": (0.0, 1000.0),
+    "filter.min_touched": (0.0, 1.0),
+    "filter.max_stranded": (0.0, 1.0),
+}
+"""Smallest and largest values of fields that don't check their own: families and filters are made
+in code elsewhere. Lengths are the box's, 1 m wide and 1.5 m high."""
+
+
 @dataclass(frozen=True)
 class World:
     """What a point means."""
@@ -205,9 +235,14 @@ def world(point: Point) -> World:
         section, _, entry = name.partition(".")
         if section not in sections:
             raise InputError(f"point: {unknown(section, list(SECTIONS))}")
-        entries = [one.name for one in fields(sections[section])]
-        if entry not in entries:
-            raise InputError(f"point: [{section}]: {unknown(entry, entries)}")
+        standard = {
+            one.name: getattr(sections[section], one.name)
+            for one in fields(sections[section])
+            if one.name not in NOT_OPEN
+        }
+        if entry not in standard:
+            raise InputError(f"point: [{section}]: {unknown(entry, list(standard))}")
+        _check_value(name, value, standard[entry])
         changes[section][entry] = value
     for choice in CHOICES:
         if choice.name in point:
@@ -217,6 +252,26 @@ def world(point: Point) -> World:
     honey = replace(made["honey"], name=HONEY_NAME, called="", goals=())
     rule = replace(made["filter"], liquid=water, settings=made["engine"])
     return World(made["engine"], water, honey, made["family"], rule)
+
+
+def _check_value(name: str, value: Value, standard: Value) -> None:
+    """Refuse what is not of the kind of the product's value, or out of `LIMITS`."""
+    section, _, entry = name.partition(".")
+    low, high = LIMITS.get(name, (-math.inf, math.inf))
+    kind = "a word" if isinstance(standard, str) else "a number"
+    if isinstance(standard, int):
+        kind = "a whole number"
+    if name in LIMITS:
+        kind += f", {low:g} to {high:g}"
+    if isinstance(standard, str):
+        fits = isinstance(value, str)
+    elif isinstance(value, str | bool):
+        fits = False
+    else:
+        whole = not isinstance(standard, int) or isinstance(value, int)
+        fits = whole and math.isfinite(value) and low <= value <= high
+    if not fits:
+        raise InputError(f"point: [{section}] {entry}: expected {kind}, found {value!r}")
 
 
 def point_at(unit: Array) -> dict[str, Value]:
@@ -258,8 +313,6 @@ def read_point(path: Path) -> dict[str, Value]:
         world(point)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except TypeError as error:
-        raise InputError(f"{path}: a number is a word, or a word a number ({error})") from None
     return point
 
 

@@ -9,14 +9,14 @@ A store's folder holds all of it, and whatever is there is not done again:
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.calibration import space
-from benchmarks.calibration.emulator import Emulator, fit
+from benchmarks.calibration.emulator import LEAST_POINTS, Emulator, fit
 from benchmarks.calibration.matching import (
     PROMISING_LEVELS,
     Region,
@@ -34,6 +34,7 @@ from benchmarks.calibration.measure import (
     log_variance,
     measure_all,
     output,
+    read_json,
 )
 from benchmarks.calibration.targets import VARIANCES, Target, targets
 from pourcast.errors import InputError
@@ -156,15 +157,33 @@ def run_waves(request: Request, store: Path, report: Report = no_report) -> tupl
             if last is None and number > 1:
                 last = _learn(number - 1, places, measured, request.seed)
             write_text(path, json.dumps(_design(request, number, last).tolist()) + "\n")
-        new = np.array(json.loads(path.read_text(encoding="utf-8")))
+        new = _read_places(path)
         found = _measure_wave(request, number, new, store, report)
         places, measured, last = np.concatenate([places, new]), [*measured, *found], None
         if not summary.exists() or number == request.waves:
             last = _learn(number, places, measured, request.seed)
             write_text(summary, json.dumps(vars(_left(last, found))) + "\n")
-        left.append(Left(**json.loads(summary.read_text(encoding="utf-8"))))
+        left.append(_read_left(summary))
     assert last is not None
     return left, last
+
+
+def _read_places(path: Path) -> Array:
+    try:
+        places = np.array(json.loads(path.read_text(encoding="utf-8")), dtype=float)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: expected places, lists of numbers ({error})") from None
+    if places.ndim != 2 or places.shape[1] != len(space.CHOICES):
+        raise InputError(f"{path}: expected places of {len(space.CHOICES)} numbers each")
+    return places
+
+
+def _read_left(path: Path) -> Left:
+    try:
+        return Left(**read_json(path))
+    except TypeError:
+        names = ", ".join(one.name for one in fields(Left))
+        raise InputError(f"{path}: expected {names}") from None
 
 
 def _measure_wave(
@@ -205,7 +224,7 @@ def _same_request(request: Request, store: Path) -> None:
     if not path.exists():
         write_text(path, json.dumps(asked, indent=2) + "\n")
         return
-    there = json.loads(path.read_text(encoding="utf-8"))
+    there = read_json(path)
     different = [name for name in asked if there.get(name) != asked[name]]
     if different:
         raise InputError(f"{path}: other {', '.join(different)}: take another --store")
@@ -258,6 +277,8 @@ def statistic_of(
 ) -> Statistic:
     """What decides whether a place is ruled out.
 
+    An output that isn't foretold tells no places apart, and rules none out.
+
     Parameters
     ----------
     emulators, wanted
@@ -270,11 +291,13 @@ def statistic_of(
     pairs = [
         (emulator, target)
         for emulator, target in zip(emulators, wanted, strict=True)
-        if variances or target.kind != "variance"
+        if emulator.foretells and (variances or target.kind != "variance")
     ]
-    chosen, kept = zip(*pairs, strict=True)
 
     def statistic(places: Array) -> Array:
+        if not pairs:
+            return np.zeros(len(places))
+        chosen, kept = zip(*pairs, strict=True)
         return kth_largest(implausibilities(places, chosen, kept), rank)
 
     return statistic
@@ -297,6 +320,12 @@ def emulate(
         Of the fits.
     """
     good = [k for k, one in enumerate(measured) if not one.failure]
+    if len(good) < LEAST_POINTS:
+        why = next((one.failure for one in measured if one.failure), "too few were asked for")
+        raise InputError(
+            f"{len(measured) - len(good)} of {len(measured)} points failed: emulators need "
+            f"{LEAST_POINTS}; one says: {why}"
+        )
     pooled = pooled_sampling([measured[k] for k in good])
     kept, emulators = [], []
     for target in targets(pooled):
@@ -305,7 +334,10 @@ def emulate(
         beyond = (values < target.low) | (values > target.high)
         if target.exact or beyond.mean() > _RARELY:
             kept.append(target)
-            emulators.append(fit(places[good], values, noise, seed))
+            try:
+                emulators.append(fit(places[good], values, noise, seed))
+            except InputError as error:
+                raise InputError(f"{target.kind}, {target.name}: {error}") from None
     return kept, emulators
 
 

@@ -15,6 +15,8 @@ from benchmarks.calibration.matching import (
 )
 from benchmarks.calibration.targets import Target
 
+from pourcast.errors import InputError
+
 TRUTH = np.array([0.3, 0.7, 0.6, 0.2])
 SPREAD = 0.05
 
@@ -49,6 +51,7 @@ def test_an_emulator_recovers_a_function_and_knows_how_sure_it_is():
         assert 0.5 < np.sqrt(np.mean((mean - truth) ** 2 / variance)) < 1.6
         assert 0.7 < emulator.misfit < 1.4
         assert emulator.explained > 0.9
+        assert emulator.foretells
         assert emulator.mean(places) == pytest.approx(mean)
 
 
@@ -58,7 +61,37 @@ def test_pure_noise_is_not_taken_for_a_function():
     emulator = fit(places, SPREAD * rng.normal(size=60), noise)
     mean, _ = emulator.predict(rng.random((200, 4)))
     assert np.abs(mean).max() < SPREAD
-    assert emulator.explained < 0.3
+    assert not emulator.foretells
+
+
+def test_what_is_explained_is_of_points_that_the_emulator_has_not_seen():
+    """Lengths that were fitted to all points "explain" permuted outputs, which have no function."""
+    rng, places = np.random.default_rng(7), first_design(40, 5, 7)
+    values = 2.0 * places[:, 0] + np.sin(4.0 * places[:, 1]) + 0.3 * rng.normal(size=40)
+    noise = np.full(40, 0.3**2)
+    real = fit(places, values, noise)
+    assert real.foretells
+    assert 0.4 < real.explained <= 1.1
+    for _ in range(2):
+        shuffled = fit(places, rng.permutation(values), noise)
+        assert shuffled.explained < 2.0 * shuffled.error
+        assert not shuffled.foretells
+        mean, variance = shuffled.predict(rng.random((50, 5)))
+        assert np.ptp(mean) == 0.0
+        assert variance == pytest.approx(values.var() - 0.3**2)
+
+
+def test_the_folds_of_a_seed_are_the_same():
+    places, rng = first_design(30, 4, 8), np.random.default_rng(8)
+    values = noisy(places, rng)[0]
+    first, second = (fit(places, values, np.full(30, SPREAD**2), seed=5) for _ in range(2))
+    assert np.array_equal(first.residuals, second.residuals)
+    assert first.explained == second.explained
+
+
+def test_too_few_points_are_told():
+    with pytest.raises(InputError, match="at least 10 points with a value, found 3"):
+        fit(first_design(3, 4, 1), np.arange(3.0), np.full(3, 0.01))
 
 
 def test_a_choice_that_does_nothing_gets_the_longest_length():

@@ -1,5 +1,6 @@
 """A point is measured through the sweep's store: resumed, and the same as by the models."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from pourcast.scenes.scene import Scene
 from pourcast.scenes.scene_file import read_scenes
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
+from pourcast.study.experiments.exp1 import EXPERIMENT
+from pourcast.study.selection import Selection, drawn_scene
 from pourcast.sweep.store import Store
 
 POINT = {"family.liquid_spread": 0.0, "engine.sound_speed": 25.0, "honey.adhesion_normal": 30.0}
@@ -100,6 +103,67 @@ def test_a_point_that_breaks_says_so_and_hurts_no_other(tmp_path):
     assert measure(broken, 3, 7, tmp_path) == found
 
 
+def test_the_key_holds_all_that_decides(monkeypatch):
+    """Each part of the product that a point doesn't name, and each choice that it does."""
+    kept = measuring.key_of(space.world({}), 10, 1, 1)
+    assert kept == measuring.key_of(space.world({}), 10, 1, 1)
+    assert json.loads(json.dumps(kept)) == kept
+    changes = {
+        "engine": {"engine.sound_speed": 25.0},
+        "water": {"water.viscosity_alpha": 0.2},
+        "honey": {"honey.tension": 0.1},
+        "family": {"family.band_top": 1.2},
+        "filter": {"filter.n_particles": 40},
+    }
+    for section, change in changes.items():
+        standard = replace(space.product_sections()[section], **field_of(change))
+        with monkeypatch.context() as patch:
+            sections = space.product_sections() | {section: standard}
+            patch.setattr(space, "product_sections", lambda sections=sections: sections)
+            assert measuring.key_of(space.world({}), 10, 1, 1) != kept, section
+    with monkeypatch.context() as patch:
+        other = {name: dict(one) for name, one in measuring.presets().items()}
+        other["gravity"]["parameters"] = {"n_particles": 7}
+        patch.setattr(measuring, "presets", lambda: other)
+        assert measuring.key_of(space.world({}), 10, 1, 1) != kept
+    sources = measuring.sources_of_key()
+    assert {"pourcast.models.simple", "pourcast.models.marble"} <= set(sources)
+
+
+def field_of(change):
+    return {name.partition(".")[2]: value for name, value in change.items()}
+
+
+def test_other_scenes_and_those_of_an_older_key_are_drawn_again(tmp_path, monkeypatch):
+    drawn = []
+
+    def few(family, count, seed, *, rule):
+        drawn.append(seed)
+        scenes = [drawn_scene(EXPERIMENT.family, seed, k) for k in range(60)]
+        return Selection([scene for scene in scenes if scene][:count], 60, count, ())
+
+    monkeypatch.setattr(measuring, "filtered_scenes", few)
+    here = space.world({})
+    first, *_ = measuring._scenes(here, 3, 7, tmp_path)
+    assert measuring._scenes(here, 3, 7, tmp_path)[0] == first
+    assert drawn == [7]
+    path = tmp_path / "scenes.json"
+    was = path.read_bytes()
+    path.write_bytes(was + b" ")
+    assert measuring._scenes(here, 3, 7, tmp_path)[0] == first
+    assert path.read_bytes() == was
+    measuring._scenes(space.world({"family.band_top": 1.2}), 3, 7, tmp_path)
+    assert drawn == [7, 7, 7]
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", "\xff", '{"key": {}}'])
+def test_a_damaged_result_is_told_in_one_line(text, tmp_path):
+    (tmp_path / "measured.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(InputError, match=r"measured\.json: ") as told:
+        measure({}, 5, 1, tmp_path)
+    assert "\n" not in str(told.value)
+
+
 def test_a_wrong_point_is_told_in_one_line(tmp_path, capsys):
     path = tmp_path / "point.toml"
     path.write_text("[engine]\nspeed = 1")
@@ -111,7 +175,16 @@ def test_a_wrong_point_is_told_in_one_line(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     "words",
-    ["--waves 0", "--points 1", "--later-points -3", "--scenes 0", "--seed -1", "--workers 0"],
+    [
+        "--waves 0",
+        "--points 9",
+        "--scenes 4",
+        "--points 1",
+        "--later-points -3",
+        "--scenes 0",
+        "--seed -1",
+        "--workers 0",
+    ],
 )
 def test_a_number_that_is_too_small_is_told_in_a_line(words, tmp_path, capsys):
     with pytest.raises(SystemExit) as left:

@@ -78,8 +78,17 @@ def test_a_point_is_read_as_it_was_written(tmp_path):
         ("engine = 3", "expected a table"),
         ("[engine]\nsound_speed = 0.1", "sound_speed: expected at least 1"),
         ("[engine]\nsound_speed = [1]", "expected a number or a word"),
-        ("[engine]\nsound_speed = 'fast'", "word"),
+        ("[engine]\nsound_speed = 'fast'", "expected a number"),
         ("[engine", "not a TOML file"),
+        ("[filter]\nmin_touched = '0.5'", r"\[filter\] min_touched: expected a number, 0 to 1"),
+        ("[filter]\nmax_stranded = nan", r"\[filter\] max_stranded: expected a number, 0 to 1"),
+        ("[filter]\nliquid = 'honey'", r"\[filter\]: .*liquid"),
+        ("[family]\ncell_count = 0", r"\[family\] cell_count: expected a whole number, 1 to"),
+        ("[family]\ncell_count = 'many'", r"\[family\] cell_count: expected a whole number"),
+        ("[family]\ncell_count = 100.5", r"\[family\] cell_count: expected a whole number"),
+        ("[family]\nliquid_spread = -1", r"\[family\] liquid_spread: expected a number, 0 to"),
+        ("[honey]\ngoals = 'basins'", r"\[honey\]: .*goals"),
+        ("[water]\ncohesion = '0'", r"\[water\] cohesion: expected a number"),
     ],
 )
 def test_a_wrong_point_is_told_in_one_line(tmp_path, text, said):

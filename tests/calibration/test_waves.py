@@ -69,10 +69,25 @@ def test_a_store_is_of_one_request(measured, tmp_path):
         run_waves(Request(waves=1, points=12, scenes=11), tmp_path)
 
 
+@pytest.mark.parametrize("name", ["request.json", "wave-1.json", "wave-1-left.json"])
+@pytest.mark.parametrize("text", ["{", "3", '{"a": 1}', '[["x"]]'])
+def test_a_damaged_file_of_the_store_is_told_in_one_line(measured, tmp_path, name, text):
+    if name == "request.json" and text.startswith('{"'):
+        pytest.skip("it is a request, if another one")
+    design = waves.first_design(12, len(space.CHOICES), 1)
+    (tmp_path / "wave-1.json").write_text(json.dumps(design.tolist()))
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=name) as told:
+        run_waves(Request(waves=2, points=12, scenes=10), tmp_path)
+    assert "\n" not in str(told.value)
+
+
 def test_a_later_wave_is_drawn_where_least_is_implausible(measured, tmp_path):
-    _, first = run_waves(replace(REQUEST, waves=1), tmp_path)
+    request = replace(REQUEST, points=40, scenes=60)
+    _, first = run_waves(replace(request, waves=1), tmp_path)
+    assert sum(one.foretells for one in first.emulators) >= 2
     assert min(first.whole.volume, first.correlated.volume) > waves.MUCH
-    run_waves(REQUEST, tmp_path)
+    run_waves(replace(request, waves=2), tmp_path)
     drawn = np.array(json.loads((tmp_path / "wave-2.json").read_text()))
     assert len(drawn) == 8
     anywhere = np.random.default_rng(0).random((500, len(space.CHOICES)))
@@ -130,3 +145,13 @@ def test_a_choice_can_be_held_from_any_wave_on(measured, tmp_path):
     for word in ("water.colour=1", "water.cohesion=", "water.cohesion=2", "water.cohesion=much"):
         with pytest.raises(InputError, match=r"^hold: "):
             space.read_held([word])
+
+
+def test_an_output_that_is_not_foretold_rules_nothing_out(measured, tmp_path):
+    _, wave = run_waves(replace(REQUEST, waves=1), tmp_path)
+    blind = [replace(one, explained=-1.0) for one in wave.emulators]
+    anywhere = np.random.default_rng(0).random((50, len(space.CHOICES)))
+    assert not waves.statistic_of(blind, wave.targets, 1)(anywhere).any()
+    shown = report.sensitivity(replace(wave, emulators=blind), seed=1)
+    assert np.isnan(shown.total).all()
+    assert not shown.largest.any()
