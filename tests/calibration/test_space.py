@@ -78,7 +78,7 @@ def test_a_point_is_read_as_it_was_written(tmp_path):
         ("engine = 3", "expected a table"),
         ("[engine]\nsound_speed = 0.1", "sound_speed: expected at least 1"),
         ("[engine]\nsound_speed = [1]", "expected a number or a word"),
-        ("[engine]\nsound_speed = 'fast'", "expected a number"),
+        ("[engine]\nsound_speed = 'fast'", "sound_speed: expected a number, found 'fast'"),
         ("[engine", "not a TOML file"),
         ("[filter]\nmin_touched = '0.5'", r"\[filter\] min_touched: expected a number, 0 to 1"),
         ("[filter]\nmax_stranded = nan", r"\[filter\] max_stranded: expected a number, 0 to 1"),
