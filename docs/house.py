@@ -15,7 +15,17 @@ import grimp
 APART = ("networks.training",)
 """Rooms in rooms that stand elsewhere in the house."""
 
-GROUND = ("cores", "errors", "extras", "files", "frozen", "progress", "registry", "tables")
+GROUND = (
+    "cores",
+    "errors",
+    "extras",
+    "files",
+    "frozen",
+    "numbers",
+    "progress",
+    "registry",
+    "tables",
+)
 """Single files that everybody may use: the ground floor."""
 
 

@@ -50,6 +50,7 @@ def measured(monkeypatch):
     return did
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_points_wherever_it_was_interrupted(measured, tmp_path):
     left, at_once = run_waves(REQUEST, tmp_path / "a")
     run_waves(replace(REQUEST, waves=1), tmp_path / "b")
@@ -82,6 +83,7 @@ def test_a_damaged_file_of_the_store_is_told_in_one_line(measured, tmp_path, nam
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.slow
 def test_a_later_wave_is_drawn_where_least_is_implausible(measured, tmp_path):
     request = replace(REQUEST, points=40, scenes=60)
     _, first = run_waves(replace(request, waves=1), tmp_path)
@@ -106,6 +108,7 @@ def test_a_point_that_fails_is_left_out_and_counted(measured, tmp_path, monkeypa
     assert len(wave.emulators[0].residuals) == 11
 
 
+@pytest.mark.slow
 def test_the_report_says_what_was_found(measured, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "BASE_SAMPLE", 64)
     left, last = run_waves(REQUEST, tmp_path)
