@@ -94,13 +94,22 @@ def test_a_sweep_computes_with_its_engine_and_mixes_nothing_up(tmp_path):
 
 
 def test_a_study_knows_which_tables_were_computed_with_other_settings(tmp_path):
-    scenes, grid = random_scenes(1, seed=31), small_grid(GRID)
-    for name, engine in (("soft", SOFT), ("usual", None)):
-        result, _ = swept(make_plan(grid, scenes, engine), tmp_path)
-        write_judgments(tmp_path / "judgments", name, result.table)
+    scenes, grid = random_scenes(2, seed=31), small_grid(GRID)
+    soft, _ = swept(make_plan(grid, scenes, SOFT), tmp_path)
+    write_judgments(tmp_path / "judgments", "soft", soft.table)
     judged = study_judgments(tmp_path, scenes)
     assert judged.engines == {"soft": {"sound_speed": 20.0, "max_duration": 1.0}}
     assert judged.on(scenes).engines == judged.engines
+    # What no engine computes may stand in both tables.
+    usual, _ = swept(make_plan(grid, scenes), tmp_path)
+    simple = usual.table[usual.table["model"] == "simple"]
+    write_judgments(tmp_path / "judgments", "usual", simple)
+    assert study_judgments(tmp_path, scenes).engines == judged.engines
+    write_judgments(tmp_path / "judgments", "usual", usual.table)
+    with pytest.raises(
+        InputError, match=r"soft\.parquet: judges \S+ with other engine settings than .*usual"
+    ):
+        study_judgments(tmp_path, scenes)
 
 
 def test_one_shard_can_hold_several_engines(tmp_path):

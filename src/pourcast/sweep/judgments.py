@@ -204,9 +204,31 @@ def study_judgments(study: Path, scenes: Sequence[Scene]) -> Judgments:
     }
     for path, table in tables.items():
         _refuse_changed_liquids(path, table, own)
+    _refuse_other_engines(tables)
     engines = {path.stem: table.attrs.get(ENGINE) for path, table in tables.items()}
     changed = {name: settings for name, settings in engines.items() if settings}
     return replace(judgments_of(tables.values(), scenes, own), engines=changed)
+
+
+def _refuse_other_engines(tables: Mapping[Path, pd.DataFrame]) -> None:
+    """Judgments of one model that were computed with other settings can't stand for one another."""
+    engines = {path: json.dumps(table.attrs.get(ENGINE) or {}) for path, table in tables.items()}
+    if len(set(engines.values())) < 2:
+        return
+    rows = pd.concat(
+        [
+            table[COLUMNS].assign(path=str(path), engine=engines[path])
+            for path, table in tables.items()
+        ]
+    )
+    groups = rows.groupby(["digest", "liquid", "model", "parameters"], sort=False)
+    many = groups[["judgment", "engine"]].transform("nunique").gt(1).all(axis=1)
+    if many.any():
+        model, paths = rows[many].iloc[0]["model"], sorted(set(rows[many]["path"]))
+        raise InputError(
+            f"{paths[0]}: judges {model} with other engine settings than {paths[1]}: keep one of "
+            "them in the study, or each in a study of its own"
+        )
 
 
 def _refuse_changed_liquids(path: Path, table: pd.DataFrame, own: Sequence[Liquid]) -> None:
