@@ -130,6 +130,12 @@ def rows(
         row += [r(own, ends[name, finest][:, 0]), r(own, ends["water", cells][:, 0])]
         row += [f"{own.mean():.2f} ({own.std():.2f})", f"{stranded.mean():.2f}"]
         table.append(row)
+    for name in dict.fromkeys(name for name, _ in ends):
+        mean = np.mean([ends[name, cells][:, 0] for cells in resolutions], axis=0)
+        own = truths[f"truth-{name.split()[0]}"]
+        row = [name, "mean of these", *(r(mean, truths[truth]) for truth in TRUTHS)]
+        row += [f"{np.abs(mean - own).mean():.2f}", r(mean, ends[name, finest][:, 0]), ""]
+        table.append([*row, f"{mean.mean():.2f} ({mean.std():.2f})", ""])
     return table
 
 
@@ -193,6 +199,7 @@ def main() -> None:
     if chosen.moved is not None:
         words = f"r, start moved by {chosen.moved:g} mm"
         itself = [r(ends[0][key][:, 0], ends[1][key][:, 0]) for key in ends[0]]
+        itself += [""] * (len(table) - 1 - len(itself))
         table = [[*row, cell] for row, cell in zip(table, (words, *itself), strict=True)]
         print(f"{words}: {', '.join(f'{n} {r(truths[0][n], truths[1][n])}' for n in TRUTHS)}.")
     print()
