@@ -11,12 +11,12 @@ interruption.
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from benchmarks.stimulus_truth import Film
 from pourcast.cli.terminal import progress_bar, resumable
 from pourcast.cores import available_cores
 from pourcast.progress import Report
@@ -47,14 +47,17 @@ _SEEN_ABOVE = 0.02
 """Share that is still above the goal's rim, from which on a caption tells it."""
 
 
-def pour_of(
-    scene: Scene, liquid: Liquid, solver: LatticeBoltzmann, folder: Path, report: Report
-) -> RecordedPour:
+def pour_of(film: Film, folder: Path, report: Report) -> RecordedPour:
     """A pour, from the folder if it is kept there."""
-    path = folder / f"{scene.digest}-{liquid.name}-{solver.resolution}.npz"
+    path = folder / f"{film.digest}.npz"
     if not path.exists():
-        threads = available_cores()
-        pour = solver.pour(scene, liquid, liquid.film_seconds, threads=threads, report=report)
+        pour = film.solver.pour(
+            film.scene,
+            film.liquid,
+            film.liquid.film_seconds,
+            threads=available_cores(),
+            report=report,
+        )
         save_pour(path, pour)
     return load_pour(path)
 
@@ -110,11 +113,10 @@ def main() -> None:
     with resumable(folder), progress_bar() as report:
         for scene in scenes:
             for name in MOMENTS:
-                liquid = resolve_liquid(name, scene)
-                told = partial(report, f"{scene.id}, {name}")
-                pour = pour_of(scene, liquid, solver, folder, lambda _, *n, told=told: told(*n))
-                own = folder / f"{chosen.renderer}-{scene.digest}-{liquid.name}-{chosen.cells}"
-                strips.append(strip_of(scene, liquid, pour, renderer, own))
+                film = Film(scene, resolve_liquid(name, scene), solver)
+                pour = pour_of(film, folder, report)
+                own = folder / f"{chosen.renderer}-{film.digest}"
+                strips.append(strip_of(scene, film.liquid, pour, renderer, own))
     path = folder / f"stimulus-{chosen.renderer}.png"
     sheet_of(strips).save(path, optimize=True)
     print(path)

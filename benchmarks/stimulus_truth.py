@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.calibration.chaos import moved
 from pourcast.cli.terminal import progress_bar, resumable
 from pourcast.cores import available_cores
 from pourcast.prediction import predict
@@ -158,13 +159,6 @@ def films_of(
     }
 
 
-def moved(scene: Scene, millimetres: float) -> Scene:
-    """The scene with the liquid's start farther to the right."""
-    x, y = scene.liquid.centre
-    start = scene.liquid.model_copy(update={"centre": (x + millimetres / 1000, y)})
-    return scene.model_copy(update={"liquid": start})
-
-
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -180,7 +174,7 @@ def main() -> None:
     scenes, cells = generate_scenes(request).scenes, sorted(chosen.cells)
     drawn = [scenes]
     if chosen.moved is not None:
-        drawn += [[moved(scene, chosen.moved) for scene in scenes]]
+        drawn += [[moved(scene, chosen.moved / 1000) for scene in scenes]]
     films = [films_of(each, cells, chosen.viscosity) for each in drawn]
     missing = [film for each in films for row in each.values() for film in row]
     with resumable(chosen.folder), progress_bar() as report:

@@ -54,8 +54,8 @@ def _mean_change(here: World, name: str, scenes: list[Scene]) -> float:
     return float(np.abs(np.diff(judged.reshape(-1, 2))).mean())
 
 
-def moved(scene: Scene) -> Scene:
-    """The scene, its start moved to the right."""
+def moved(scene: Scene, shift: float = SHIFT) -> Scene:
+    """The scene, its start moved to the right by so many metres."""
     x, y = scene.liquid.centre
-    start = scene.liquid.model_copy(update={"centre": (x + SHIFT, y)})
+    start = scene.liquid.model_copy(update={"centre": (x + shift, y)})
     return scene.model_copy(update={"liquid": start})

@@ -82,9 +82,9 @@ class HowChosen(Frozen):
 
     def same_rules(self, family: SceneFamily, choice: SceneChoice) -> bool:
         """Whether these scenes would be drawn and chosen by the same rules."""
-        numbers = self.model_dump(include=set(_numbers(family, choice)), mode="json")
-        words = tuple((one.stage, one.how) for one in self.stages)
-        return words == choice.stages and numbers == _numbers(family, choice)
+        words, today = tuple((one.stage, one.how) for one in self.stages), _numbers(family, choice)
+        then = self.model_dump(include=set(today), mode="json")
+        return words == choice.stages and then == today
 
 
 def stages_of(choice: SceneChoice, selection: Selection) -> tuple[Stage, ...]:

@@ -219,15 +219,18 @@ def _refuse_other_engines(tables: Mapping[Path, pd.DataFrame]) -> None:
         [
             table[COLUMNS].assign(path=str(path), engine=engines[path])
             for path, table in tables.items()
-        ]
+        ],
+        ignore_index=True,
     )
-    groups = rows.groupby(["digest", "liquid", "model", "parameters"], sort=False)
+    rows["family"] = rows["model"].map({name: family_of(name) for name in rows["model"].unique()})
+    groups = rows.groupby(["digest", "liquid", "family", "parameters"], sort=False)
     many = groups[["judgment", "engine"]].transform("nunique").gt(1).all(axis=1)
     if many.any():
-        model, paths = rows[many].iloc[0]["model"], sorted(set(rows[many]["path"]))
+        first = rows[many & (groups.ngroup() == groups.ngroup()[many].iloc[0])]
+        paths = sorted(first.drop_duplicates("engine")["path"])
         raise InputError(
-            f"{paths[0]}: judges {model} with other engine settings than {paths[1]}: keep one of "
-            "them in the study, or each in a study of its own"
+            f"{paths[0]}: judges {first['model'].iloc[0]} with other engine settings than "
+            f"{paths[1]}: keep one of them in the study, or each in a study of its own"
         )
 
 
