@@ -44,6 +44,7 @@ RESAMPLES = 10_000
 
 NETWORKS: dict[str, dict[str, Any]] = {
     "lite0": {"backbone": "efficientnet-lite0"},
+    "lite0-at-once": {"backbone": "efficientnet-lite0", "stage_passes": 0},
     "lite0-random": {"backbone": "efficientnet-lite0", "start": "random"},
     "small": {"backbone": "convnet-small"},
     "alexnet": {
@@ -53,12 +54,13 @@ NETWORKS: dict[str, dict[str, Any]] = {
 
 TITLES = {
     "lite0": "`efficientnet-lite0`, pre-trained",
+    "lite0-at-once": "the same, all layers at once",
     "lite0-random": "`efficientnet-lite0`, random start",
     "small": "`convnet-small`, random start",
     "alexnet": "`alexnet`, 128 x 128, random start",
 }
 
-MARKS = {"lite0": (BLUE, "o"), "lite0-random": (BLUE, "s"), "small": (ORANGE, "^"),
+MARKS = {"lite0": (BLUE, "o"), "lite0-at-once": (BLUE, "D"), "lite0-random": (BLUE, "s"), "small": (ORANGE, "^"),
          "alexnet": (GREY, "v")}  # fmt: skip
 
 

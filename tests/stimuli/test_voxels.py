@@ -20,7 +20,7 @@ def test_volumes_are_the_scenes(ramp, resolution):
     area = voxels.cell**2
     assert voxels.fill[:, :, 0].sum() * area == pytest.approx(liquid, rel=0.01)
     solid = 0.4 * 0.25 / 2 + 0.1 * 0.2 / 2
-    assert voxels.solid[:, :, 0].sum() * area == pytest.approx(solid, rel=0.05)
+    assert (1.0 - voxels.cut.room).sum() * area == pytest.approx(solid, rel=0.005)
     assert voxels.goal.mean() == pytest.approx(0.5)
 
 
@@ -28,6 +28,7 @@ def test_mirrored_scenes_have_mirrored_cells():
     for scene in random_scenes(6):
         one, other = voxelise(scene, 60), voxelise(scene.mirrored(), 60)
         assert (one.solid == other.solid[::-1]).all()
+        assert (one.cut.room == other.cut.room[::-1]).all()
         assert one.fill == pytest.approx(other.fill[::-1])
         goal = other.goal[::-1] if scene.goal.kind == "cup" else 1.0 - other.goal[::-1]
         assert one.goal == pytest.approx(goal)
@@ -35,13 +36,13 @@ def test_mirrored_scenes_have_mirrored_cells():
 
 def test_surfaces_point_across_the_nearest_edge(ramp):
     voxels = voxelise(ramp, 150)
-    # Cells just below the ramp's slope, from (0.25, 0.95) to (0.65, 0.7).
+    # Cells that the ramp's slope cuts or covers, from (0.25, 0.95) to (0.65, 0.7).
     across = np.array([0.25, 0.4]) / np.hypot(0.25, 0.4)
     for x in (0.35, 0.45, 0.55):
         y = 0.95 - (x - 0.25) * 0.25 / 0.4 - voxels.cell
         i, j = int((x - voxels.origin[0]) / voxels.cell), int(y / voxels.cell)
         found = np.array([inner(voxels, 0)[i, j], inner(voxels, 1)[i, j]])
-        assert voxels.solid[i, j, 0]
+        assert voxels.cut.room[i, j] < 1.0
         assert abs(found @ across) == pytest.approx(1.0, abs=1e-5)
 
 

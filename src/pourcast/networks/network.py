@@ -44,7 +44,7 @@ class Recipe(Frozen):
         yet in the lower layers that the upper ones could use.
     stage_passes, tuning_passes
         The same from weights that know something already: in each stage in which some layers
-        learn, and in the last, when all do.
+        learn, and in the last, when all do. With no `stage_passes`, all learn from the beginning.
     patience
         A stage ends after this share of its passes without a better validation error.
     batch
@@ -64,7 +64,7 @@ class Recipe(Frozen):
     width: int = Field(default=64, ge=16, le=2048)
     start: str = "random"
     passes: int = Field(default=24, ge=1)
-    stage_passes: int = Field(default=1, ge=1)
+    stage_passes: int = Field(default=1, ge=0)
     tuning_passes: int = Field(default=10, ge=1)
     patience: float = Field(default=0.4, gt=0.0, le=1.0)
     batch: int = Field(default=64, ge=2)

@@ -117,6 +117,8 @@ def stages_of(
     [1, 2, 3, 4, 5]
     >>> [stage.layers for stage in stages_of(Recipe(), 50, knows=True)]
     [1, 8, 15, 22, 29, 36, 43, 50]
+    >>> [stage.layers for stage in stages_of(Recipe(stage_passes=0), 5, knows=True)]
+    [5]
     """
     more = min(MOST_REPEATS, np.sqrt(FULL_SET / scene_count))
     if not knows:
@@ -124,9 +126,10 @@ def stages_of(
     count = min(MOST_STAGES, layer_count)
     layers = [round(v) for v in np.linspace(1, layer_count, count)]
     passes = [recipe.stage_passes] * (count - 1) + [recipe.tuning_passes]
+    learning = [(n, p) for n, p in zip(layers, passes, strict=True) if p > 0]
     return [
         Stage(k, n, round(p * more), recipe.tuning_rate)
-        for k, (n, p) in enumerate(zip(layers, passes, strict=True), start=1)
+        for k, (n, p) in enumerate(learning, start=1)
     ]
 
 

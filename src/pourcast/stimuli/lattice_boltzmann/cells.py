@@ -1,5 +1,6 @@
 """What the kernels work on: the grid as one row of cells, with a margin of solid ones."""
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.ndimage import binary_dilation, generate_binary_structure
 from pourcast.stimuli.lattice_boltzmann.lattice import (
     GAS,
     N_DIRECTIONS,
+    OPPOSITE,
     SOLID,
     STANDARD,
     VELOCITY,
@@ -27,7 +29,13 @@ class Cells(NamedTuple):
     flags: Any
     """GAS, INTERFACE, FLUID or SOLID, shape [n]."""
     walled: Any
-    """Whether a neighbour is solid, shape [n]."""
+    """Whether the cell or a neighbour is solid, in part or in whole, shape [n]."""
+    room: Any
+    """Share of the cell that is not solid, shape [n]."""
+    links: Any
+    """Row of `passage` that holds for the cell, int32, shape [n]."""
+    passage: Any
+    """Share of what comes to a cell in each direction that no solid stops, shape [rows, 19]."""
     kinds: Any
     """Of an interface cell: STANDARD, NO_FLUID or NO_GAS, shape [n]."""
     density: Any
@@ -35,11 +43,12 @@ class Cells(NamedTuple):
     velocity: Any
     """Shape [3, n]."""
     mass: Any
-    """Of interface cells; a full cell's is its density. Float64, shape [n]."""
+    """Of interface cells; a full cell's is its density times its room. Float64, shape [n]."""
     fill: Any
-    """Share of the cell that liquid fills, shape [n]."""
+    """Share of the cell's room that liquid fills, shape [n]."""
     normal: Any
-    """Of solid cells: across the surface, of length 1, shape [3, n]. Its sign is of no account."""
+    """Of solid and cut cells: across the surface, of length 1, shape [3, n]. Its sign is of no
+    account."""
     axis: Any
     """Of solid cells that let liquid slip: 1, 2, 3 if the surface is across an axis, else 0."""
     slip: Any
@@ -58,6 +67,23 @@ class Cells(NamedTuple):
     """Scratch of `droplets.fly`, int32, shape [n]."""
     offsets: Any
     """From a cell to its neighbour in each direction, shape [19]."""
+
+
+@dataclass(frozen=True)
+class CutCells:
+    """Which part of each cell is solid, the same at any depth.
+
+    Parameters
+    ----------
+    room
+        Share of each cell that is not solid, shape [nx, ny].
+    passage
+        Share of each cell from which a move by a cell in each direction meets no solid, shape
+        [19, nx, ny]; at most `room`, and the same from both ends.
+    """
+
+    room: NDArray[np.float32]
+    passage: NDArray[np.float32]
 
 
 class Parts(NamedTuple):
@@ -110,6 +136,7 @@ def new_cells(
     slip: NDArray[np.float32],
     fallen: NDArray[np.float32],
     rough: NDArray[np.bool_],
+    cut: CutCells | None = None,
 ) -> Cells:
     """Empty cells.
 
@@ -125,6 +152,8 @@ def new_cells(
         How far each cell lies below the highest liquid at the start, shape [nx, ny, nz].
     rough
         Which solid cells drag at liquid that slips along them, shape [nx, ny, nz].
+    cut
+        Cells that are solid in part, without the margin.
     """
     n = solid.size
     _, ny, nz = solid.shape
@@ -132,10 +161,14 @@ def new_cells(
     across = np.abs(normal.reshape(3, n)) > _ALONG_AXIS
     across &= solid.ravel() & (slip.ravel() == 1.0)
     axis = np.where(across.any(axis=0), 1 + across.argmax(axis=0), 0)
+    room, links, passage = _passages(solid, cut)
     return Cells(
         populations=np.zeros((2, n, N_DIRECTIONS), dtype=np.float32),
         flags=np.where(solid.ravel(), SOLID, GAS).astype(np.uint8),
-        walled=binary_dilation(solid, _NEIGHBOURS).ravel(),
+        walled=binary_dilation(room < 1.0, _NEIGHBOURS).ravel(),
+        room=room.ravel(),
+        links=links.ravel(),
+        passage=passage,
         kinds=np.full(n, STANDARD, dtype=np.uint8),
         density=np.ones(n, dtype=np.float32),
         velocity=np.zeros((3, n), dtype=np.float32),
@@ -145,7 +178,7 @@ def new_cells(
         axis=axis.astype(np.uint8),
         slip=np.ascontiguousarray(slip.ravel(), dtype=np.float32),
         rough=rough.ravel(),
-        face=_faces(rough),
+        face=_faces(solid, rough, links, passage),
         leaked=np.zeros(n),
         fallen=np.ascontiguousarray(fallen.ravel(), dtype=np.float32),
         marks=np.zeros(n, dtype=np.uint8),
@@ -154,11 +187,31 @@ def new_cells(
     )
 
 
-def _faces(rough: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Area of the rough walls beside each cell, towards it: a flat wall has 1."""
+def _passages(solid: NDArray[np.bool_], cut: CutCells | None) -> tuple[Any, Any, Any]:
+    """Room of each cell, its row of passages, and these rows; the first is that of open cells."""
+    room = np.where(solid, 0.0, 1.0).astype(np.float32)
+    links = np.zeros(solid.shape, dtype=np.int32)
+    if cut is None:
+        return room, links, np.ones((1, N_DIRECTIONS), dtype=np.float32)
+    inner = room[1:-1, 1:-1]
+    inner *= cut.room[:, :, None]
+    free = np.ascontiguousarray(cut.passage[OPPOSITE] / np.maximum(cut.room, 1e-6))
+    i, j = np.nonzero((free < 1.0).any(axis=0) & (cut.room > 0.0))
+    links[i + 1, j + 1, 1:-1] = 1 + np.arange(len(i))[:, None]
+    passage = np.concatenate([np.ones((1, N_DIRECTIONS)), free[:, i, j].T])
+    return room, links, np.ascontiguousarray(passage, dtype=np.float32)
+
+
+def _faces(
+    solid: NDArray[np.bool_], rough: NDArray[np.bool_], links: Any, passage: Any
+) -> NDArray[np.float32]:
+    """Area of the rough walls beside each cell, towards it, over its room: a flat wall has 1."""
     face = np.zeros((3, *rough.shape), dtype=np.float32)
-    if rough.any():
-        for velocity, weight in zip(VELOCITY[1:], WEIGHT[1:], strict=True):
-            links = np.roll(rough, tuple(velocity), axis=(0, 1, 2)) & ~rough
-            face += 6.0 * weight * velocity[:, None, None, None] * links
+    if not rough.any():
+        return face.reshape(3, rough.size)
+    for i in range(1, N_DIRECTIONS):
+        velocity, weight = VELOCITY[i], WEIGHT[i]
+        behind = np.roll(rough & solid, tuple(velocity), axis=(0, 1, 2))
+        stopped = np.where(behind, 1.0, 1.0 - passage[links, i])
+        face += 6.0 * weight * velocity[:, None, None, None] * np.where(solid, 0.0, stopped)
     return face.reshape(3, rough.size)

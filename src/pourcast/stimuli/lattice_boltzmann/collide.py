@@ -31,6 +31,7 @@ import numpy as np
 from pourcast.engine.compile import kernel
 from pourcast.engine.simd import LANES, load, maximum, splat, sqrt, store
 from pourcast.stimuli.lattice_boltzmann.lattice import (
+    FLATTENED,
     FLUID,
     GAS,
     INTERFACE,
@@ -54,8 +55,10 @@ MOMENTS = N_DIRECTIONS
 FORCE = MOMENTS + 4
 LIMIT = FORCE + 3
 LINKS = LIMIT + 1
-SCRATCH_ROWS = LINKS + N_DIRECTIONS
-"""Rows of scratch: populations, density and velocity, push, greatest speed, links to walls."""
+STOPPED = LINKS + N_DIRECTIONS
+SCRATCH_ROWS = STOPPED + N_DIRECTIONS
+"""Rows of scratch: populations, density and velocity, push, greatest speed, links to walls
+and how much of each a wall stops."""
 
 _C = VELOCITY.astype(np.float32)
 _W = WEIGHT.astype(np.float32)
@@ -136,24 +139,28 @@ def _pull_at_wall(cell: int, lane: int, cells: Any, before: Any, scratch: Any, f
     gained = 0.0
     links = 0
     for i in range(N_DIRECTIONS):
-        other, source = _source(i, cell, cells)
+        other, source, way = _source(i, cell, cells)
         leaving = before[cell, OPPOSITE[i]]
-        flag = flags[other]
-        if flag == SOLID and at_surface and leaves(i, cell, cells):
-            flag = GAS
-        if flag == SOLID:
-            scratch[i, lane] = leaving
-            scratch[LINKS + links, lane] = i
-            links += 1
-        elif flag == GAS:
-            scratch[i, lane] = _from_gas(i, ux, uy, uz, square) - leaving
-        else:
+        free = 0.0 if flags[other] == SOLID else cells.passage[cells.links[cell], way]
+        found = 0.0
+        if free < 1.0:
+            if at_surface and leaves(i, cell, cells):
+                found = (1.0 - free) * (_from_gas(i, ux, uy, uz, square) - leaving)
+            else:
+                found = (1.0 - free) * leaving
+                scratch[LINKS + links, lane] = i
+                scratch[STOPPED + links, lane] = 1.0 - free
+                links += 1
+        if free > 0.0 and flags[other] == GAS:
+            found += free * (_from_gas(i, ux, uy, uz, square) - leaving)
+        elif free > 0.0:
             arriving = before[other, source]
-            scratch[i, lane] = arriving
+            found += free * arriving
             if at_surface and other != cell:
-                gained += _gained(i, fill, kind, other, cells, arriving, leaving)
+                gained += free * _gained(i, fill, kind, other, cells, arriving, leaving)
+        scratch[i, lane] = found
     if at_surface:
-        cells.mass[cell] += gained
+        cells.mass[cell] += gained * cells.room[cell]
     _drag(cell, lane, cells, scratch, flow)
     if links > 0:
         _slide(cell, lane, cells, links, scratch, flow)
@@ -163,7 +170,7 @@ def _pull_at_wall(cell: int, lane: int, cells: Any, before: Any, scratch: Any, f
 
 @kernel
 def _source(i: int, cell: int, cells: Any) -> Any:
-    """Where a population comes from, and which it was there.
+    """Where a population comes from, which it was there, and the passage that it took.
 
     A wall across an axis that lets liquid slip is a mirror: what comes from it has come from the
     neighbour along it.
@@ -173,8 +180,8 @@ def _source(i: int, cell: int, cells: Any) -> Any:
     if axis > 0 and VELOCITY[i, axis - 1] != 0:
         step = VELOCITY[i, axis - 1] * cells.offsets[2 * axis - 1]
         if cells.axis[cell - step] == axis and cells.flags[other + step] != SOLID:
-            return other + step, MIRRORED[axis - 1, i]
-    return other, i
+            return other + step, MIRRORED[axis - 1, i], FLATTENED[axis - 1, i]
+    return other, i, i
 
 
 @kernel
@@ -196,6 +203,13 @@ def _gained(
 
 
 @kernel
+def wall_of(i: int, cell: int, cells: Any) -> Any:
+    """Cell whose surface stops population `i`: a solid one, or the one with less room."""
+    other = cell - cells.offsets[i]
+    return other if cells.room[other] < cells.room[cell] else cell
+
+
+@kernel
 def leaves(i: int, cell: int, cells: Any) -> Any:
     """Whether liquid moves away from the wall that population `i` comes from.
 
@@ -203,9 +217,7 @@ def leaves(i: int, cell: int, cells: Any) -> Any:
     would suck: water that shoots over an edge would turn round it, and honey creep along undersides
     that it never wetted.
     """
-    wall = cell - cells.offsets[i]
-    if cells.flags[wall] != SOLID:
-        return False
+    wall = wall_of(i, cell, cells)
     nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
     ux, uy, uz = cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell]
     across = nx * ux + ny * uy + nz * uz
@@ -224,7 +236,7 @@ def _slide(cell: int, lane: int, cells: Any, links: int, scratch: Any, flow: Any
     """
     for k in range(links):
         i = int(scratch[LINKS + k, lane])
-        wall = cell - cells.offsets[i]
+        wall = wall_of(i, cell, cells)
         # Freely falling populations have been pushed by half a step more than the velocity tells;
         # where a wall holds them, the push is soon in balance with its drag.
         push = 0.5 if cells.slip[wall] == 1.0 else 0.0
@@ -239,8 +251,9 @@ def _slide(cell: int, lane: int, cells: Any, links: int, scratch: Any, flow: Any
             + _C[i, 2] * (uz - across * nz)
         )
         gain = 6.0 * WEIGHT[i] * cells.density[cell] * cells.slip[wall] * along
+        gain *= scratch[STOPPED + k, lane]
         scratch[i, lane] += gain
-        cells.leaked[cell] += gain
+        cells.leaked[cell] += gain * cells.room[cell]
 
 
 @kernel
@@ -282,10 +295,12 @@ def _adhere(cell: int, lane: int, cells: Any, scratch: Any, adhesion: float) -> 
     """Accelerate a cell towards the walls beside it."""
     x, y, z = 0.0, 0.0, 0.0
     for i in range(1, N_DIRECTIONS):
+        stopped = 1.0 - cells.passage[cells.links[cell], i]
         if cells.flags[cell - cells.offsets[i]] == SOLID:
-            x -= WEIGHT[i] * _C[i, 0]
-            y -= WEIGHT[i] * _C[i, 1]
-            z -= WEIGHT[i] * _C[i, 2]
+            stopped = 1.0
+        x -= stopped * WEIGHT[i] * _C[i, 0]
+        y -= stopped * WEIGHT[i] * _C[i, 1]
+        z -= stopped * WEIGHT[i] * _C[i, 2]
     factor = adhesion / np.sqrt(x * x + y * y + z * z + 1e-12)
     scratch[FORCE, lane] += factor * x
     scratch[FORCE + 1, lane] += factor * y

@@ -18,8 +18,10 @@ from pourcast.stimuli.lattice_boltzmann.lattice import (
     GAS,
     INTERFACE,
     N_DIRECTIONS,
-    SOLID,
 )
+
+_OPEN = 0.5
+"""Room from which on a cell is open to droplets."""
 
 _STEPS_ASIDE = (0.0, 0.5, -0.5, 1.0, -1.0)
 """How far beside its path [cells] a droplet looks for room along a staircase of cells."""
@@ -47,7 +49,7 @@ def fly(cells: Any, parts: Any, there: int, flow: Any) -> None:
     for k in range(kept):
         cell = _cell(drops[0, k], drops[1, k], drops[2, k], cells)
         cells.slots[cell] = 0
-        if drops[6, k] >= 1.0 and cells.flags[cell] == GAS:
+        if drops[6, k] >= cells.room[cell] and cells.flags[cell] == GAS:
             _condense(k, cell, cells, parts, there, flow)
             continue
         for row in range(7):
@@ -72,7 +74,7 @@ def _move(k: int, cells: Any, drops: Any, flow: Any) -> None:
     slowed = min(1.0, limit / np.sqrt(vx * vx + vy * vy + vz * vz + 1e-30))
     vx, vy, vz = vx * slowed, vy * slowed, vz * slowed
     wall = _cell(x + vx, y + vy, z + vz, cells)
-    if cells.flags[wall] != SOLID:
+    if cells.room[wall] >= _OPEN:
         _place(k, drops, x + vx, y + vy, z + vz, vx, vy, vz)
         return
     nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
@@ -84,7 +86,7 @@ def _move(k: int, cells: Any, drops: Any, flow: Any) -> None:
     vx, vy, vz = (vx - across * nx) / drag, (vy - across * ny) / drag, (vz - across * nz) / drag
     for aside in _STEPS_ASIDE:
         px, py, pz = x + vx + aside * nx, y + vy + aside * ny, z + vz + aside * nz
-        if cells.flags[_cell(px, py, pz, cells)] != SOLID:
+        if cells.room[_cell(px, py, pz, cells)] >= _OPEN:
             _place(k, drops, px, py, pz, vx, vy, vz)
             return
     _place(k, drops, x, y, z, 0.0, 0.0, 0.0)
@@ -141,7 +143,7 @@ def _condense(k: int, cell: int, cells: Any, parts: Any, there: int, flow: Any) 
         if cells.flags[other] == GAS:
             cells.flags[other] = INTERFACE
             _activate(other, cells, parts, there, flow, 0.0, vx, vy, vz)
-    hand_out(drops[6, k] - 1.0, cell, 0.0, cells, parts)
+    hand_out(drops[6, k] - cells.room[cell], cell, 0.0, cells, parts)
 
 
 @kernel
@@ -150,7 +152,7 @@ def _activate(
     vx: float, vy: float, vz: float,
 ) -> None:  # fmt: skip
     move_evenly(cell, cells, there, flow, 1.0, vx, vy, vz)
-    cells.mass[cell] = fill
+    cells.mass[cell] = fill * cells.room[cell]
     cells.fill[cell] = fill
     cells.kinds[cell] = 0
     parts.active[parts.counts[0]] = cell

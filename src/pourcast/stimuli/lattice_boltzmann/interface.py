@@ -21,6 +21,7 @@ from pourcast.stimuli.lattice_boltzmann.lattice import (
     N_DIRECTIONS,
     NO_FLUID,
     NO_GAS,
+    SOLID,
     STANDARD,
     VELOCITY,
 )
@@ -47,7 +48,7 @@ def convert(cells: Any, parts: Any, there: int, flow: Any) -> None:
             _empty(cell, cells)
     for k in range(n_filled):
         cell = parts.changed[0, k]
-        hand_out(cells.mass[cell] - cells.density[cell], cell, 1.0, cells, parts)
+        hand_out(cells.mass[cell] - full_mass(cell, cells), cell, 1.0, cells, parts)
     for k in range(n_emptied):
         cell = parts.changed[1, k]
         if cells.marks[cell] == _EMPTIED:
@@ -65,17 +66,17 @@ def _find_changed(cells: Any, parts: Any) -> tuple[int, int]:
         cell = parts.active[k]
         if cells.flags[cell] == FLUID and cells.density[cell] < 1.0 and ventilates(cell, cells):
             cells.flags[cell] = INTERFACE
-            cells.mass[cell] = cells.density[cell] - cells.leaked[cell]
+            cells.mass[cell] = full_mass(cell, cells) - cells.leaked[cell]
             cells.kinds[cell] = STANDARD
         if cells.flags[cell] != INTERFACE:
             continue
-        mass, density, kind = cells.mass[cell], cells.density[cell], cells.kinds[cell]
+        mass, full, kind = cells.mass[cell], full_mass(cell, cells), cells.kinds[cell]
         limit = 1.0 - _LEFT_BEHIND if kind == NO_GAS else 1.0 + _OVERFULL
         least = _LEFT_BEHIND if kind == NO_FLUID else -_OVERFULL
-        if mass > limit * density:
+        if mass > limit * full:
             parts.changed[0, n_filled] = cell
             n_filled += 1
-        elif mass < least * density:
+        elif mass < least * full:
             parts.changed[1, n_emptied] = cell
             cells.marks[cell] = _EMPTIED
             n_emptied += 1
@@ -88,11 +89,26 @@ def _find_changed(cells: Any, parts: Any) -> tuple[int, int]:
 
 
 @kernel
+def full_mass(cell: int, cells: Any) -> Any:
+    """Mass that a cell holds when it is full."""
+    return cells.density[cell] * cells.room[cell]
+
+
+@kernel
+def is_walled(i: int, cell: int, cells: Any) -> Any:
+    """Whether something in the way of population `i` is no mirror."""
+    other = cell - cells.offsets[i]
+    if cells.flags[other] == SOLID:
+        return cells.axis[other] == 0
+    return cells.passage[cells.links[cell], i] < 1.0
+
+
+@kernel
 def _beside_drained(cell: int, cells: Any) -> Any:
     """Whether a neighbour has given much more than it held: it must be emptied first."""
     for i in range(1, N_DIRECTIONS):
         other = cell + cells.offsets[i]
-        if cells.marks[other] == _EMPTIED and cells.mass[other] < -_DRAINED:
+        if cells.marks[other] == _EMPTIED and cells.mass[other] < -_DRAINED * cells.room[other]:
             return True
     return False
 
@@ -105,7 +121,7 @@ def ventilates(cell: int, cells: Any) -> Any:
     """
     if cells.walled[cell]:
         for i in range(1, N_DIRECTIONS):
-            if cells.axis[cell - cells.offsets[i]] == 0 and leaves(i, cell, cells):
+            if is_walled(i, cell, cells) and leaves(i, cell, cells):
                 return True
     return False
 
@@ -170,7 +186,7 @@ def _empty(cell: int, cells: Any) -> None:
         other = cell + cells.offsets[i]
         if cells.flags[other] == FLUID:
             cells.flags[other] = INTERFACE
-            cells.mass[other] = cells.density[other] - cells.leaked[other]
+            cells.mass[other] = full_mass(other, cells) - cells.leaked[other]
 
 
 @kernel
@@ -236,7 +252,7 @@ def settle(cells: Any, parts: Any) -> None:
             surface += 1
         elif cells.flags[cell] == FLUID:
             parts.owed[0] -= cells.leaked[cell]
-            cells.mass[cell] = cells.density[cell]
+            cells.mass[cell] = full_mass(cell, cells)
             cells.fill[cell] = 1.0
         cells.leaked[cell] = 0.0
     gift = parts.owed[0] / surface if surface > 0 else 0.0
@@ -246,7 +262,7 @@ def settle(cells: Any, parts: Any) -> None:
         cell = parts.active[k]
         if cells.flags[cell] == INTERFACE:
             cells.mass[cell] += gift
-            cells.fill[cell] = min(max(cells.mass[cell] / cells.density[cell], 0.0), 1.0)
+            cells.fill[cell] = min(max(cells.mass[cell] / full_mass(cell, cells), 0.0), 1.0)
             cells.kinds[cell] = _kind(cell, cells)
     _release_films(cells, parts)
     kept = 0

@@ -35,6 +35,14 @@ MIRRORED = np.array(
 )
 """Direction that each becomes in a wall across an axis, shape [3, 19]."""
 
+FLATTENED = np.array(
+    [
+        [int(np.flatnonzero((velocity * keep == VELOCITY).all(axis=1))[0]) for velocity in VELOCITY]
+        for keep in (1 - np.eye(3, dtype=np.int64))
+    ]
+)
+"""Direction that each becomes without its part along an axis, shape [3, 19]."""
+
 QUADRATIC = VELOCITY[:, :, None] * VELOCITY[:, None, :] - np.eye(3) / 3.0
 """c c - I / 3 of each direction, shape [19, 3, 3]."""
 

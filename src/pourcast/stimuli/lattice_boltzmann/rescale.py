@@ -68,5 +68,5 @@ def _restate(
     cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell] = vx, vy, vz
     cells.density[cell] = new
     if cells.flags[cell] == FLUID:
-        parts.owed[0] += density - new
-        cells.mass[cell] = new
+        parts.owed[0] += (density - new) * cells.room[cell]
+        cells.mass[cell] = new * cells.room[cell]

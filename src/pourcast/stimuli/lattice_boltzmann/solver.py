@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pourcast.engine.simd import LANES
 from pourcast.errors import InputError, SimulationDivergedError
-from pourcast.stimuli.lattice_boltzmann.cells import Flow, new_cells, new_parts
+from pourcast.stimuli.lattice_boltzmann.cells import CutCells, Flow, new_cells, new_parts
 from pourcast.stimuli.lattice_boltzmann.collide import SCRATCH_ROWS, update
 from pourcast.stimuli.lattice_boltzmann.droplets import fly
 from pourcast.stimuli.lattice_boltzmann.interface import convert, settle
@@ -86,7 +86,7 @@ class LatticeFlow:
     Parameters
     ----------
     fill
-        Share of each cell that liquid fills at the start, shape [nx, ny, nz].
+        Share of each cell's room that liquid fills at the start, shape [nx, ny, nz].
     solid
         Which cells are solid, shape [nx, ny, nz]. Outside of the grid all is solid.
     cell
@@ -107,6 +107,8 @@ class LatticeFlow:
     rough
         Which solid cells drag at liquid that slips along them as a turbulent boundary layer does,
         with the margin, shape [nx + 2, ny + 2, nz + 2]; none by default.
+    cut
+        Cells that are solid in part; none by default.
     periodic
         Axes along which the grid goes on at its other end. Meant for grids that are full along
         them: a free surface that moves across such a seam loses mass, 1e-4 to 5e-3 of it was seen.
@@ -135,6 +137,7 @@ class LatticeFlow:
     normal: NDArray[np.float32] | None = None
     slip: float | NDArray[np.float32] = 1.0
     rough: NDArray[np.bool_] | None = None
+    cut: CutCells | None = None
     periodic: tuple[bool, bool, bool] = (False, False, False)
     velocity: NDArray[np.float64] | None = None
     time_step: float | None = None
@@ -155,8 +158,8 @@ class LatticeFlow:
         padded = np.pad(self.solid, 1, constant_values=True)
         normal = wall_normals(self.shape, self.periodic) if self.normal is None else self.normal
         slip = np.broadcast_to(np.asarray(self.slip, dtype=np.float32), padded.shape)
-        rough = np.zeros_like(padded) if self.rough is None else padded & self.rough
-        self._cells = new_cells(padded, normal, slip, self._fallen(), rough)
+        rough = np.zeros_like(padded) if self.rough is None else self.rough
+        self._cells = new_cells(padded, normal, slip, self._fallen(), rough, self.cut)
         self._parts = new_parts(padded.size)
         self._here = 0
         self._scratch = np.zeros((self.settings.threads, SCRATCH_ROWS, LANES), dtype=np.float32)
@@ -243,7 +246,7 @@ class LatticeFlow:
         active = np.flatnonzero(fill.ravel() > 0.0)
         parts.active[: len(active)] = active
         parts.counts[0] = len(active)
-        cells.mass[active] = fill.ravel()[active]
+        cells.mass[active] = fill.ravel()[active] * cells.room[active]
         if self.velocity is not None:
             moving = np.pad(self.velocity, ((0, 0), (1, 1), (1, 1), (1, 1))) * self.dt / self.cell
             cells.velocity[:] = moving.reshape(3, -1)

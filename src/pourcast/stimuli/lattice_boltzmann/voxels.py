@@ -9,14 +9,18 @@ import shapely
 from numpy.typing import NDArray
 
 from pourcast.scenes.scene import Scene
+from pourcast.stimuli.lattice_boltzmann.cells import CutCells
+from pourcast.stimuli.lattice_boltzmann.lattice import N_DIRECTIONS, VELOCITY
 from pourcast.stimuli.lattice_boltzmann.solver import wall_normals
 
 Array = NDArray[np.float64]
 
 _TOUCHING = 1e-5
 """Gap [m] at which solids touch."""
-_SUBCELLS = 16
+SUBCELLS = 16
 """Points along each side of a cell by which partly filled ones are measured."""
+_LEAST_ROOM = 0.05
+"""Cells with less are solid."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +35,16 @@ class Voxels:
         Corner of the first cell [m], shape [3].
     solid
         Which cells are solid, shape [nx, ny, nz].
+    cut
+        How much of each other cell is solid.
     normal
-        Directions across the surface of solid cells and of the margin, shape
+        Directions across the surface of solid and cut cells and of the margin, shape
         [3, nx + 2, ny + 2, nz + 2].
     plane
         Where the margin is a plane of symmetry and no wall: front and back, shape
         [nx + 2, ny + 2, nz + 2].
     fill
-        Share of each cell that liquid fills at the start, shape [nx, ny, nz].
+        Share of each cell's room that liquid fills at the start, shape [nx, ny, nz].
     goal
         Share of each cell that counts towards the judgment, shape [nx, ny].
     """
@@ -46,6 +52,7 @@ class Voxels:
     cell: float
     origin: tuple[float, float, float]
     solid: NDArray[np.bool_]
+    cut: CutCells
     normal: NDArray[np.float32]
     plane: NDArray[np.bool_]
     fill: NDArray[np.float64]
@@ -74,22 +81,70 @@ def voxelise(scene: Scene, resolution: int) -> Voxels:
     )
     centres = [origin[axis] + (np.arange(counts[axis]) + 0.5) * cell for axis in range(2)]
     x, y = np.meshgrid(*centres, indexing="ij")
-    solid = np.zeros(x.shape, dtype=bool)
-    for polygon in scene.solids:
-        solid |= shapely.contains_xy(shapely.Polygon(polygon), x, y)
+    cut = cut_cells(_solid_points(scene, x, y, cell))
+    solid = cut.room < _LEAST_ROOM
     depth = counts[2]
     blob = shapely.Point(scene.liquid.centre).buffer(scene.liquid.diameter / 2, quad_segs=64)
-    fill = _share(lambda px, py: shapely.contains_xy(blob, px, py), x, y, cell)
+    share = _share(lambda px, py: shapely.contains_xy(blob, px, py), x, y, cell)
+    fill = np.minimum(share / np.maximum(cut.room, _LEAST_ROOM), 1.0)
     holds = np.vectorize(scene.goal.holds)
     return Voxels(
         cell=cell,
         origin=origin,
         solid=_through(solid, depth),
-        normal=_normals(scene, solid, x, y, depth),
+        cut=cut,
+        normal=_normals(scene, solid, cut.room < 1.0, x, y, depth),
         plane=_planes(solid, depth),
         fill=_through(np.where(solid, 0.0, fill), depth),
         goal=_share(holds, x, y, cell),
     )
+
+
+def cut_cells(solid: NDArray[np.bool_]) -> CutCells:
+    """Room and passages of cells, measured by points.
+
+    Parameters
+    ----------
+    solid
+        Whether points are in a solid, `SUBCELLS` along each side of each cell, shape
+        [nx * SUBCELLS, ny * SUBCELLS].
+    """
+    shape = (solid.shape[0] // SUBCELLS, solid.shape[1] // SUBCELLS)
+    passage = np.empty((N_DIRECTIONS, *shape), dtype=np.float32)
+    known: dict[tuple[int, int], NDArray[np.float32]] = {}
+    for i, (dx, dy, _) in enumerate(VELOCITY):
+        way = (int(dx), int(dy))
+        if way not in known:
+            blocks = _passing(~solid, *way).reshape(shape[0], SUBCELLS, shape[1], SUBCELLS)
+            known[way] = blocks.mean(axis=(1, 3), dtype=np.float32)
+        passage[i] = known[way]
+    return CutCells(known[0, 0], passage)
+
+
+def _solid_points(scene: Scene, x: Array, y: Array, cell: float) -> NDArray[np.bool_]:
+    """Whether points are in a solid, `SUBCELLS` along each side of each cell."""
+    steps = ((np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5) * cell
+    along = (x[:, 0, None] + steps).ravel()
+    up = (y[0, :, None] + steps).ravel()
+    solid = np.zeros((len(along), len(up)), dtype=bool)
+    for polygon in scene.solids:
+        low, high = np.min(polygon, axis=0), np.max(polygon, axis=0)
+        columns = slice(*np.searchsorted(along, (low[0], high[0])))
+        rows = slice(*np.searchsorted(up, (low[1], high[1])))
+        points = np.meshgrid(along[columns], up[rows], indexing="ij")
+        solid[columns, rows] |= shapely.contains_xy(shapely.Polygon(polygon), *points)
+    return solid
+
+
+def _passing(open_points: NDArray[np.bool_], dx: int, dy: int) -> NDArray[np.bool_]:
+    """Points from which a move by (dx, dy) cells meets no solid; outside of the grid is none."""
+    width, height = open_points.shape
+    padded = np.pad(open_points, SUBCELLS, constant_values=True)
+    passing = open_points.copy()
+    for k in range(1, SUBCELLS + 1) if (dx, dy) != (0, 0) else ():
+        i, j = SUBCELLS + k * dx, SUBCELLS + k * dy
+        passing &= padded[i : i + width, j : j + height]
+    return passing
 
 
 def _through(plane: NDArray[Any], depth: int) -> NDArray[Any]:
@@ -102,7 +157,7 @@ def _share(inside: Callable[..., Any], x: Array, y: Array, cell: float) -> Array
     corners = [inside(x + dx * cell, y + dy * cell) for dx in (-0.5, 0.5) for dy in (-0.5, 0.5)]
     share: Array = np.mean([inside(x, y), *corners], axis=0)
     mixed = (share > 0.0) & (share < 1.0)
-    steps = ((np.arange(_SUBCELLS) + 0.5) / _SUBCELLS - 0.5) * cell
+    steps = ((np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5) * cell
     dx, dy = np.meshgrid(steps, steps)
     if mixed.any():
         fine = inside(x[mixed, None] + dx.ravel(), y[mixed, None] + dy.ravel())
@@ -118,20 +173,16 @@ def _planes(solid: NDArray[np.bool_], depth: int) -> NDArray[np.bool_]:
 
 
 def _normals(
-    scene: Scene, solid: NDArray[np.bool_], x: Array, y: Array, depth: int
+    scene: Scene, solid: NDArray[np.bool_], wall: NDArray[np.bool_], x: Array, y: Array, depth: int
 ) -> NDArray[np.float32]:
-    """Across the surface of each solid cell: that of the nearest edge.
+    """Across the surface of each solid or cut cell: that of the nearest edge.
 
     Solids that touch are one: the edge between two of them is no surface. Walls and solids go on
     in front and behind, as in a mirror.
     """
     normal = wall_normals((*solid.shape, depth), periodic=(False, False, True))
-    for end in (0, -1):
-        normal[2, 1:-1, 1:-1, end] = 1.0
     edges = _edges(scene)
-    i, j = np.nonzero(solid)
-    if len(i) == 0:
-        return normal
+    i, j = np.nonzero(wall)
     points = np.stack([x[i, j], y[i, j]], axis=1)
     start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     squares = (along**2).sum(axis=1)
@@ -143,6 +194,10 @@ def _normals(
     across = np.stack([tangent[:, 1], -tangent[:, 0]])
     normal[:2, i + 1, j + 1] = across[..., None]
     normal[2, i + 1, j + 1] = 0.0
+    # What is open of a cut cell goes on in front and behind, too.
+    for end in (0, -1):
+        normal[:, 1:-1, 1:-1, end] *= solid
+        normal[2, 1:-1, 1:-1, end] += ~solid
     return normal
 
 

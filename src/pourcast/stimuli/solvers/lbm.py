@@ -101,6 +101,7 @@ def start_flow(
     return LatticeFlow(
         fill=voxels.fill,
         solid=voxels.solid,
+        cut=voxels.cut,
         cell=cell,
         viscosity=liquid.kinematic_viscosity,
         normal=voxels.normal,
