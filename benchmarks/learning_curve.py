@@ -60,8 +60,8 @@ TITLES = {
     "alexnet": "`alexnet`, 128 x 128, random start",
 }
 
-MARKS = {"lite0": (BLUE, "o"), "lite0-at-once": (BLUE, "D"), "lite0-random": (BLUE, "s"), "small": (ORANGE, "^"),
-         "alexnet": (GREY, "v")}  # fmt: skip
+MARKS = {"lite0": (BLUE, "o"), "lite0-at-once": (BLUE, "D"), "lite0-random": (BLUE, "s"),
+         "small": (ORANGE, "^"), "alexnet": (GREY, "v")}  # fmt: skip
 
 
 @dataclass(frozen=True)

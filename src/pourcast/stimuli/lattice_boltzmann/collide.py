@@ -4,7 +4,12 @@ Populations are pulled from the neighbours. Where a neighbour is gas, they are r
 the gas's pressure (Koerner et al. 2005, J. Stat. Phys. 121, eq. 4). A wall across an axis that lets
 liquid slip is a mirror. From any other they bounce back, as from a wall that moves along with the
 liquid as far as it lets it slip: with free slip, an even motion along a surface is kept exactly,
-whatever staircase of cells stands for the slope. Without slip it is half-way bounce-back.
+whatever cells stand for the slope. Without slip it is half-way bounce-back.
+
+Cells may be solid in part (volumetric boundaries after Chen, Teixeira & Molvig 1998, Int. J. Mod.
+Phys. C 9). Of the populations that come to a cell, what the room of both cells and all on the way
+lets through is streamed, and the rest comes back from the wall; the share that passes is the same
+area from both ends, so that mass is kept.
 
 Relaxation is regularised (Latt & Chopard 2006, Math. Comput. Simul. 72), with the force F of Guo,
 Zheng & Shi (2002, Phys. Rev. E 65) and Smagorinsky's sub-grid viscosity in the closed form of
@@ -231,8 +236,8 @@ def leaves(i: int, cell: int, cells: Any) -> Any:
 def _slide(cell: int, lane: int, cells: Any, links: int, scratch: Any, flow: Any) -> None:
     """Let walls move along with the liquid, as far as they let it slip.
 
-    Along a slope, each tread of the staircase takes what its riser gives; both are noted, so that
-    none is lost or won (`interface.settle`).
+    Along a slope, each link takes what another gives; both are noted, so that none is lost or won
+    (`interface.settle`).
     """
     for k in range(links):
         i = int(scratch[LINKS + k, lane])
