@@ -149,7 +149,7 @@ def _pull_at_wall(cell: int, lane: int, cells: Any, before: Any, scratch: Any, f
         free = 0.0 if flags[other] == SOLID else cells.passage[cells.links[cell], way]
         found = 0.0
         if free < 1.0:
-            if at_surface and leaves(i, cell, cells):
+            if at_surface and leaves(i, wall_of(way, cell, cells), cell, cells):
                 found = (1.0 - free) * (_from_gas(i, ux, uy, uz, square) - leaving)
             else:
                 found = (1.0 - free) * leaving
@@ -209,20 +209,19 @@ def _gained(
 
 @kernel
 def wall_of(i: int, cell: int, cells: Any) -> Any:
-    """Cell whose surface stops population `i`: a solid one, or the one with less room."""
+    """Cell whose surface stops what takes passage `i`: a solid one, or that with less room."""
     other = cell - cells.offsets[i]
     return other if cells.room[other] < cells.room[cell] else cell
 
 
 @kernel
-def leaves(i: int, cell: int, cells: Any) -> Any:
-    """Whether liquid moves away from the wall that population `i` comes from.
+def leaves(i: int, wall: int, cell: int, cells: Any) -> Any:
+    """Whether liquid moves away from the wall that stops population `i`.
 
     A wall has no hold on it then, once the gas gets between (`interface.ventilates`). Else the wall
     would suck: water that shoots over an edge would turn round it, and honey creep along undersides
     that it never wetted.
     """
-    wall = wall_of(i, cell, cells)
     nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
     ux, uy, uz = cells.velocity[0, cell], cells.velocity[1, cell], cells.velocity[2, cell]
     across = nx * ux + ny * uy + nz * uz
@@ -241,7 +240,7 @@ def _slide(cell: int, lane: int, cells: Any, links: int, scratch: Any, flow: Any
     """
     for k in range(links):
         i = int(scratch[LINKS + k, lane])
-        wall = wall_of(i, cell, cells)
+        wall = wall_of(_source(i, cell, cells)[2], cell, cells)
         # Freely falling populations have been pushed by half a step more than the velocity tells;
         # where a wall holds them, the push is soon in balance with its drag.
         push = 0.5 if cells.slip[wall] == 1.0 else 0.0

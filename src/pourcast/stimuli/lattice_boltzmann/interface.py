@@ -13,7 +13,7 @@ bodies do until they meet liquid again.
 from typing import Any
 
 from pourcast.engine.compile import kernel
-from pourcast.stimuli.lattice_boltzmann.collide import equilibrium, leaves
+from pourcast.stimuli.lattice_boltzmann.collide import equilibrium, leaves, wall_of
 from pourcast.stimuli.lattice_boltzmann.lattice import (
     FLUID,
     GAS,
@@ -121,7 +121,8 @@ def ventilates(cell: int, cells: Any) -> Any:
     """
     if cells.walled[cell]:
         for i in range(1, N_DIRECTIONS):
-            if is_walled(i, cell, cells) and leaves(i, cell, cells):
+            wall = wall_of(i, cell, cells)
+            if is_walled(i, cell, cells) and leaves(i, wall, cell, cells):
                 return True
     return False
 

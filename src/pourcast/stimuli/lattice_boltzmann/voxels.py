@@ -127,12 +127,14 @@ def _solid_points(scene: Scene, x: Array, y: Array, cell: float) -> NDArray[np.b
     along = (x[:, 0, None] + steps).ravel()
     up = (y[0, :, None] + steps).ravel()
     solid = np.zeros((len(along), len(up)), dtype=bool)
-    for polygon in scene.solids:
-        low, high = np.min(polygon, axis=0), np.max(polygon, axis=0)
-        columns = slice(*np.searchsorted(along, (low[0], high[0])))
-        rows = slice(*np.searchsorted(up, (low[1], high[1])))
+    # As one, or points on an edge that two of them share would let liquid between.
+    merged = shapely.union_all([shapely.Polygon(polygon) for polygon in scene.solids])
+    for polygon in shapely.get_parts(merged):
+        left, low, right, high = polygon.bounds
+        columns = slice(*np.searchsorted(along, (left, right)))
+        rows = slice(*np.searchsorted(up, (low, high)))
         points = np.meshgrid(along[columns], up[rows], indexing="ij")
-        solid[columns, rows] |= shapely.contains_xy(shapely.Polygon(polygon), *points)
+        solid[columns, rows] |= shapely.contains_xy(polygon, *points)
     return solid
 
 
