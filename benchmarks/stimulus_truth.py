@@ -1,12 +1,15 @@
 """How far the stimuli's solver and the particle engine's ground truths agree.
 
     python -m benchmarks.stimulus_truth FOLDER [--experiment exp1] [--scenes 40] [--seed 1]
-        [--cells 40 60 100 150] [--viscosity 0.02] [--moved 1]
+        [--cells 40 60 100 150] [--viscosity 0.02] [--liquids water] [--layers 3]
+        [--moved 1 | --shifted 0.5]
 
 makes a table of `docs/reference/stimulus-truth.md`: scenes of an experiment as it stands, each
 poured by the lattice-Boltzmann solver at every resolution, as water and as honey, for the film's
 length, and judged by the ground truths. `--viscosity` adds honey of other viscosities [m^2/s];
-`--moved` pours all once more, from starts moved to the right [mm], to see how far chaos goes.
+`--moved` pours all once more, from starts moved to the right [mm], to see how far chaos goes;
+`--shifted` does so with all but the box moved by a share of a cell, to see how much it matters
+where the lattice lies. `--layers` makes the films' box so many cells deep, which is cheaper.
 FOLDER keeps each outcome as it comes: the same command goes on after an interruption, and pours
 only what another scene, liquid or code makes new.
 """
@@ -14,7 +17,7 @@ only what another scene, liquid or code makes new.
 import argparse
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -42,6 +45,9 @@ TRUTHS = ("truth-water", "truth-honey")
 
 Key = tuple[str, int]
 """A film's name, and cells along the longest side."""
+
+Change = Callable[[Scene, float], Scene]
+"""What is done to a scene, given the width of a cell [m], before it is poured on film."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +134,8 @@ def rows(
         own, stranded = end.T
         row = [name, str(cells), *(r(own, truths[truth]) for truth in TRUTHS)]
         row += [f"{np.abs(own - truths[f'truth-{name.split()[0]}']).mean():.2f}"]
-        row += [r(own, ends[name, finest][:, 0]), r(own, ends["water", cells][:, 0])]
+        water = r(own, ends["water", cells][:, 0]) if ("water", cells) in ends else ""
+        row += [r(own, ends[name, finest][:, 0]), water]
         row += [f"{own.mean():.2f} ({own.std():.2f})", f"{stranded.mean():.2f}"]
         table.append(row)
     for name in dict.fromkeys(name for name, _ in ends):
@@ -140,23 +147,54 @@ def rows(
     return table
 
 
+def shifted(scene: Scene, shift: float) -> Scene:
+    """The scene, all but its box moved to the right by so many metres."""
+    obstacles = tuple(tuple((x + shift, y) for x, y in polygon) for polygon in scene.obstacles)
+    place = "divider_x" if scene.goal.kind == "basins" else "centre_x"
+    goal = scene.goal.model_copy(update={place: getattr(scene.goal, place) + shift})
+    return moved(scene, shift).model_copy(update={"obstacles": obstacles, "goal": goal})
+
+
+def layered(scene: Scene, depth: float) -> Scene:
+    """The scene in a box of another depth [m]."""
+    return scene.model_copy(update={"box": scene.box.model_copy(update={"depth": depth})})
+
+
+def cell_of(scene: Scene, cells: int) -> float:
+    """Width of a cell [m]."""
+    return max(scene.box.width, scene.box.height, scene.box.depth) / cells
+
+
 def films_of(
-    scenes: Sequence[Scene], resolutions: Sequence[int], viscosities: Sequence[float]
+    scenes: Sequence[Scene],
+    resolutions: Sequence[int],
+    viscosities: Sequence[float],
+    liquids: Sequence[str] = LIQUIDS,
+    changes: Sequence[Change] = (),
 ) -> dict[Key, list[Film]]:
-    """The films of each row: both liquids, and honey of other viscosities [m^2/s]."""
-    poured = {name: [resolve_liquid(name, scene) for scene in scenes] for name in LIQUIDS}
+    """The films of each row: liquids, and honey of other viscosities [m^2/s]."""
+    poured = {name: [resolve_liquid(name, scene) for scene in scenes] for name in liquids}
     for viscosity in viscosities:
         poured[f"honey of {viscosity:g} m²/s"] = [
-            replace(honey, kinematic_viscosity=viscosity) for honey in poured["honey"]
+            replace(resolve_liquid("honey", scene), kinematic_viscosity=viscosity)
+            for scene in scenes
         ]
     return {
         (name, cells): [
-            Film(scene, liquid, LatticeBoltzmann(resolution=cells))
-            for scene, liquid in zip(scenes, liquids, strict=True)
+            Film(changed(scene, cells, changes), liquid, LatticeBoltzmann(resolution=cells))
+            for scene, liquid in zip(scenes, each, strict=True)
         ]
-        for name, liquids in poured.items()
+        for name, each in poured.items()
         for cells in resolutions
     }
+
+
+def changed(scene: Scene, cells: int, changes: Sequence[Change]) -> Scene:
+    """The scene after all changes."""
+    cell = cell_of(scene, cells)
+    for change in changes:
+        scene = change(scene, cell)
+    return scene
 
 
 def main() -> None:
@@ -168,14 +206,28 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cells", type=int, nargs="+", default=list(RESOLUTIONS))
     parser.add_argument("--viscosity", type=float, nargs="+", default=[], help="of more honeys")
-    parser.add_argument("--moved", type=float, help="to the right, of a second pour of all [mm]")
+    parser.add_argument("--liquids", nargs="+", default=list(LIQUIDS), choices=LIQUIDS)
+    parser.add_argument("--layers", type=int, help="depth of the films' box [cells]")
+    again = parser.add_mutually_exclusive_group()
+    again.add_argument("--moved", type=float, help="of the starts, in a second pour of all [mm]")
+    again.add_argument("--shifted", type=float, help="of all but the box, in another [cells]")
     chosen = parser.parse_args()
     request = SceneRequest(chosen.experiment, chosen.scenes, chosen.seed)
     scenes, cells = generate_scenes(request).scenes, sorted(chosen.cells)
-    drawn = [scenes]
+    changes: list[Change] = []
+    if chosen.layers is not None:
+        changes += [lambda scene, cell: layered(scene, chosen.layers * cell)]
+    drawn, ways = [scenes], [changes]
     if chosen.moved is not None:
         drawn += [[moved(scene, chosen.moved / 1000) for scene in scenes]]
-    films = [films_of(each, cells, chosen.viscosity) for each in drawn]
+        ways += [changes]
+    if chosen.shifted is not None:
+        drawn += [scenes]
+        ways += [[*changes, lambda scene, cell: shifted(scene, chosen.shifted * cell)]]
+    films = [
+        films_of(each, cells, chosen.viscosity, chosen.liquids, way)
+        for each, way in zip(drawn, ways, strict=True)
+    ]
     missing = [film for each in films for row in each.values() for film in row]
     with resumable(chosen.folder), progress_bar() as report:
         pour_missing(missing, chosen.folder, report)
@@ -190,11 +242,14 @@ def main() -> None:
         f"`pourcast scenes {chosen.experiment} -n {chosen.scenes} --seed {chosen.seed}`. The "
         f"truths among themselves: r {r(*truths[0].values())}."
     )
-    if chosen.moved is not None:
-        words = f"r, start moved by {chosen.moved:g} mm"
+    if len(drawn) > 1:
+        words = f"r, start moved by {chosen.moved or 0:g} mm"
+        if chosen.shifted is not None:
+            words = f"r, all moved by {chosen.shifted:g} cells"
         itself = [r(ends[0][key][:, 0], ends[1][key][:, 0]) for key in ends[0]]
         itself += [""] * (len(table) - 1 - len(itself))
         table = [[*row, cell] for row, cell in zip(table, (words, *itself), strict=True)]
+    if chosen.moved is not None:
         print(f"{words}: {', '.join(f'{n} {r(truths[0][n], truths[1][n])}' for n in TRUTHS)}.")
     print()
     for row in (table[0], ["---"] * len(table[0]), *table[1:]):

@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from benchmarks.stimulus_truth import Film, outcomes_in
+import pytest
+from benchmarks.stimulus_truth import Film, changed, layered, outcomes_in, shifted
 
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.stimuli.solvers.lbm import LatticeBoltzmann
@@ -28,3 +29,16 @@ def test_films_that_differ_in_scene_liquid_length_or_cells_are_told_apart(ramp):
     ]
     assert len({film.digest for film in films}) == len(films)
     assert Film(ramp, replace(WATER, colour="#000000"), coarse).digest == films[0].digest
+
+
+def test_scenes_are_moved_by_parts_of_a_cell_and_made_as_deep_as_asked(ramp):
+    cell = 1.5 / 60
+    changes = [lambda scene, c: layered(scene, 3 * c), lambda scene, c: shifted(scene, 0.5 * c)]
+    scene = changed(ramp, 60, changes)
+    assert scene.box.depth == pytest.approx(3 * cell)
+    assert (scene.box.width, scene.box.height) == (ramp.box.width, ramp.box.height)
+    step = pytest.approx(0.5 * cell)
+    assert scene.obstacles[0][0][0] - ramp.obstacles[0][0][0] == step
+    assert scene.obstacles[0][0][1] == ramp.obstacles[0][0][1]
+    assert scene.goal.divider_x - ramp.goal.divider_x == step
+    assert scene.liquid.centre[0] - ramp.liquid.centre[0] == step
