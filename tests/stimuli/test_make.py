@@ -455,3 +455,17 @@ def test_a_list_of_an_older_version_is_told_of_and_can_be_replaced(ramp, tmp_pat
     with pytest.raises(InputError, match=r"schema_version: Input should be 3; .* with --replace"):
         make_stimuli(tmp_path, [StimulusRequest(ramp, WATER)], QUICK)
     assert make_stimuli(tmp_path, [StimulusRequest(ramp, WATER)], QUICK, replace=True) == made
+
+
+def test_films_of_another_solvers_code_are_kept_but_not_added_to(ramp, tmp_path, monkeypatch):
+    known, new = StimulusRequest(ramp, WATER), StimulusRequest(ramp.mirrored(), WATER)
+    made = make_stimuli(tmp_path, [known], QUICK)
+    changed = property(lambda self: "another")
+    monkeypatch.setattr(StimulusSettings, "solver_code", changed)
+    assert make_stimuli(tmp_path, [known], QUICK) == made
+    with pytest.raises(InputError, match=r"another version of the solver 'sph'.* --replace"):
+        make_stimuli(tmp_path, [known, new], QUICK)
+    assert read_set(set_folder(tmp_path, QUICK.name)) == made
+    anew = make_stimuli(tmp_path, [known, new], QUICK, replace=True)
+    assert anew.manifest.solver_code == "another"
+    assert len(anew.manifest.stimuli) == 2

@@ -57,7 +57,8 @@ def make_stimuli(
     settings
         How stimuli are made; their name is the set's.
     replace
-        Whether to begin a set anew that was made with other settings or liquids, or is damaged.
+        Whether to begin a set anew that was made with other settings, liquids or code, or is
+        damaged.
     workers
         Stimuli at a time; the others' cores are shared. All cores by default; one for a slow
         renderer, which uses all of them by itself.
@@ -75,18 +76,23 @@ def make_stimuli(
     Raises
     ------
     InputError
-        If the set was made with other settings, a liquid's numbers were others, two liquids have
-        one name, or the renderer's program isn't there.
+        If the set was made with other settings, or what is missing would be by other code; a
+        liquid's numbers were others, two liquids have one name, or the renderer's program isn't
+        there.
     StoreError
         If some stimuli could not be made; the others are.
     """
     folder = set_folder(study, settings.name)
-    stimuli = _opened(folder, settings, _liquids_of(requests), replace)
+    liquids = _liquids_of(requests)
+    stimuli = _opened(folder, settings, liquids, replace)
     needed: dict[str, StimulusRequest] = {}
     for one in requests:  # groups that see the same are shown the same files
         if one.film or one.id not in needed:
             needed[one.id] = one
     missing = [one for one in needed.values() if not stimuli.has(one)]
+    if (missing or replace) and stimuli.manifest.solver_code != settings.solver_code:
+        stimuli = _begun_anew(stimuli, settings, liquids, replace)
+        missing = list(needed.values())
     if not missing:
         return stimuli
     settings.renderer.check_available()
@@ -124,11 +130,31 @@ def _opened(
         there = None
     if there is None:
         _forget_work(folder)
-    manifest = Manifest(settings=settings) if there is None else there.manifest
+    manifest = _empty_list(settings) if there is None else there.manifest
     stimuli = StimulusSet(folder, manifest.with_liquids(liquids))
     if stimuli != there:
         write_set(stimuli)
     return _gathered(stimuli)
+
+
+def _empty_list(settings: StimulusSettings) -> Manifest:
+    return Manifest(settings=settings, solver_code=settings.solver_code)
+
+
+def _begun_anew(
+    stimuli: StimulusSet, settings: StimulusSettings, liquids: Sequence[Liquid], replace: bool
+) -> StimulusSet:
+    """The set without what another state of the solver's code has made, if that may go."""
+    if stimuli.manifest.stimuli and not replace:
+        raise InputError(
+            f"{stimuli.folder}: made with another version of the solver {settings.solver.name!r}, "
+            "whose films end elsewhere; what is missing can't be made alike. `pourcast stimuli` "
+            "with --replace makes all its stimuli anew"
+        )
+    _forget_work(stimuli.folder)
+    anew = StimulusSet(stimuli.folder, _empty_list(settings).with_liquids(liquids))
+    write_set(anew)
+    return anew
 
 
 def _forget_work(folder: Path) -> None:

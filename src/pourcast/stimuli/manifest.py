@@ -76,6 +76,8 @@ class Manifest(Frozen):
         Name of each liquid -> all of it that its stimuli depend on.
     stimuli
         The stimuli.
+    solver_code
+        Name of the state of the solver's code; empty in sets of before 0.2.
     """
 
     model_config = ConfigDict(populate_by_name=True)
@@ -85,6 +87,7 @@ class Manifest(Frozen):
     settings: StimulusSettings = Field(alias="recipe")
     liquids: dict[str, dict[str, float | str | tuple[float, ...]]] = Field(default_factory=dict)
     stimuli: tuple[Stimulus, ...] = ()
+    solver_code: str = ""
 
     def difference(self, liquid: Liquid) -> str:
         """How a liquid differs from that of its name; empty if it doesn't, or is not there yet."""

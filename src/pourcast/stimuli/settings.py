@@ -10,6 +10,7 @@ from pourcast.errors import InputError, one_line
 from pourcast.frozen import Frozen
 from pourcast.registry import Registry
 from pourcast.scenes.liquids.base import Liquid
+from pourcast.simulation.versions import code_version, defining_modules
 from pourcast.stimuli.renderers.base import Renderer
 from pourcast.stimuli.renderers.registry import RENDERERS
 from pourcast.stimuli.solvers.base import Solver
@@ -75,6 +76,11 @@ class StimulusSettings(Frozen):
     def name(self) -> str:
         """Name of the set: solver and renderer."""
         return f"{self.solver.name}-{self.renderer.name}"
+
+    @property
+    def solver_code(self) -> str:
+        """Name of the state of the solver's code, which decides where liquid goes."""
+        return code_version(defining_modules(type(self.solver), Solver))
 
     def film_seconds(self, liquid: Liquid) -> float:
         """Length of a liquid's films [s]."""
