@@ -84,12 +84,31 @@ def test_room_is_what_polygons_leave_and_passages_are_the_same_from_both_ends():
         room, passage = voxels.cut.room, voxels.cut.passage
         solid = shapely.union_all([shapely.Polygon(p) for p in scene.solids])
         inside = solid.intersection(shapely.box(0.0, 0.0, scene.box.width, scene.box.height))
-        assert (1.0 - room).sum() * voxels.cell**2 == pytest.approx(inside.area, rel=0.005)
+        # Of cells that are split by solids only the largest part is open.
+        assert (1.0 - room).sum() * voxels.cell**2 == pytest.approx(inside.area, rel=0.02)
         assert (passage <= room + 1e-6).all()
         for i, (dx, dy, _) in enumerate(VELOCITY):
             there = np.roll(passage[OPPOSITE[i]], (-dx, -dy), axis=(0, 1))
             inner = (slice(1, -1), slice(1, -1))
             assert passage[i][inner] == pytest.approx(there[inner])
+
+
+@pytest.mark.parametrize("thickness", [0.2, 0.6, 1.0])
+@pytest.mark.parametrize("phase", [0.1, 0.3, 0.5, 0.8])
+def test_no_liquid_seeps_through_a_wall_that_is_thinner_than_a_cell(thickness, phase):
+    left = 15 + phase
+    flow = cut_flow(
+        (30, 20),
+        lambda x, y: (x > left) & (x < left + thickness) & (y < 16),
+        lambda x, y: (x < 15) & (y < 10),
+        (1.0, 0.0),
+    )
+    flow.advance(2.0)
+    mass, drops = flow.grid("mass"), flow.droplets
+    x = np.arange(30)[:, None, None] + 0.5
+    beyond = mass[np.broadcast_to(x > left + 1.5, mass.shape)].sum() * flow.cell**3
+    beyond += drops[6] @ (drops[0] / flow.cell > left + 1.5)
+    assert beyond < 1e-3 * flow.mass
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.3, 0.6])

@@ -12,7 +12,7 @@ import numpy as np
 
 from pourcast.engine.compile import kernel
 from pourcast.stimuli.lattice_boltzmann.collide import equilibrium, speed_limit
-from pourcast.stimuli.lattice_boltzmann.interface import hand_out, move_evenly
+from pourcast.stimuli.lattice_boltzmann.interface import hand_out, is_joined, move_evenly
 from pourcast.stimuli.lattice_boltzmann.lattice import (
     FLUID,
     GAS,
@@ -73,8 +73,9 @@ def _move(k: int, cells: Any, drops: Any, flow: Any) -> None:
     limit = speed_limit(_cell(x, y, z, cells), cells, flow)
     slowed = min(1.0, limit / np.sqrt(vx * vx + vy * vy + vz * vz + 1e-30))
     vx, vy, vz = vx * slowed, vy * slowed, vz * slowed
+    here = _cell(x, y, z, cells)
     wall = _cell(x + vx, y + vy, z + vz, cells)
-    if cells.room[wall] >= _OPEN:
+    if _is_open(here, wall, cells):
         _place(k, drops, x + vx, y + vy, z + vz, vx, vy, vz)
         return
     nx, ny, nz = cells.normal[0, wall], cells.normal[1, wall], cells.normal[2, wall]
@@ -86,10 +87,22 @@ def _move(k: int, cells: Any, drops: Any, flow: Any) -> None:
     vx, vy, vz = (vx - across * nx) / drag, (vy - across * ny) / drag, (vz - across * nz) / drag
     for aside in _STEPS_ASIDE:
         px, py, pz = x + vx + aside * nx, y + vy + aside * ny, z + vz + aside * nz
-        if cells.room[_cell(px, py, pz, cells)] >= _OPEN:
+        if _is_open(here, _cell(px, py, pz, cells), cells):
             _place(k, drops, px, py, pz, vx, vy, vz)
             return
     _place(k, drops, x, y, z, 0.0, 0.0, 0.0)
+
+
+@kernel
+def _is_open(here: int, there: int, cells: Any) -> Any:
+    """Whether a droplet can go from one cell to another beside it."""
+    if cells.room[there] < _OPEN or here == there:
+        return cells.room[there] >= _OPEN
+    for i in range(1, N_DIRECTIONS):
+        if here + cells.offsets[i] == there:
+            return is_joined(i, here, cells)
+    # No link leads across a corner.
+    return cells.room[here] == 1.0 and cells.room[there] == 1.0
 
 
 @kernel
@@ -140,7 +153,7 @@ def _condense(k: int, cell: int, cells: Any, parts: Any, there: int, flow: Any) 
     _activate(cell, cells, parts, there, flow, 1.0, vx, vy, vz)
     for i in range(1, N_DIRECTIONS):
         other = cell + cells.offsets[i]
-        if cells.flags[other] == GAS:
+        if cells.flags[other] == GAS and is_joined(i, cell, cells):
             cells.flags[other] = INTERFACE
             _activate(other, cells, parts, there, flow, 0.0, vx, vy, vz)
     hand_out(drops[6, k] - cells.room[cell], cell, 0.0, cells, parts)

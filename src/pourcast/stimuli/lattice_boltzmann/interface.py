@@ -21,6 +21,7 @@ from pourcast.stimuli.lattice_boltzmann.lattice import (
     N_DIRECTIONS,
     NO_FLUID,
     NO_GAS,
+    OPPOSITE,
     SOLID,
     STANDARD,
     VELOCITY,
@@ -95,6 +96,12 @@ def full_mass(cell: int, cells: Any) -> Any:
 
 
 @kernel
+def is_joined(i: int, cell: int, cells: Any) -> Any:
+    """Whether liquid can move to the neighbour in direction `i`: no wall parts it from there."""
+    return cells.passage[cells.links[cell], OPPOSITE[i]] > 0.0
+
+
+@kernel
 def is_walled(i: int, cell: int, cells: Any) -> Any:
     """Whether something in the way of population `i` is no mirror."""
     other = cell - cells.offsets[i]
@@ -108,7 +115,8 @@ def _beside_drained(cell: int, cells: Any) -> Any:
     """Whether a neighbour has given much more than it held: it must be emptied first."""
     for i in range(1, N_DIRECTIONS):
         other = cell + cells.offsets[i]
-        if cells.marks[other] == _EMPTIED and cells.mass[other] < -_DRAINED * cells.room[other]:
+        drained = cells.mass[other] < -_DRAINED * cells.room[other]
+        if drained and cells.marks[other] == _EMPTIED and is_joined(i, cell, cells):
             return True
     return False
 
@@ -134,6 +142,8 @@ def _fill(cell: int, cells: Any, parts: Any) -> None:
     cells.leaked[cell] = 0.0  # an interface cell's mass has nothing of it
     for i in range(1, N_DIRECTIONS):
         other = cell + cells.offsets[i]
+        if not is_joined(i, cell, cells):
+            continue
         if cells.marks[other] == _EMPTIED:
             cells.marks[other] = 0
         if cells.flags[other] == GAS:
@@ -156,6 +166,8 @@ def _start_new(cells: Any, parts: Any, there: int, flow: Any) -> None:
         density, ux, uy, uz, found = 0.0, 0.0, 0.0, 0.0, 0
         for i in range(1, N_DIRECTIONS):
             other = cell + cells.offsets[i]
+            if not is_joined(i, cell, cells):
+                continue
             if cells.flags[other] in (FLUID, INTERFACE) and cells.marks[other] != _NEW:
                 density += cells.density[other]
                 ux += cells.velocity[0, other]
@@ -185,7 +197,7 @@ def _empty(cell: int, cells: Any) -> None:
     cells.flags[cell] = GAS
     for i in range(1, N_DIRECTIONS):
         other = cell + cells.offsets[i]
-        if cells.flags[other] == FLUID:
+        if cells.flags[other] == FLUID and is_joined(i, cell, cells):
             cells.flags[other] = INTERFACE
             cells.mass[other] = full_mass(other, cells) - cells.leaked[other]
 
@@ -204,7 +216,7 @@ def hand_out(mass: float, cell: int, side: float, cells: Any, parts: Any) -> Non
     nz = side * (fill[cell - offsets[5]] - fill[cell + offsets[5]])
     total, found = 0.0, 0
     for i in range(1, N_DIRECTIONS):
-        if cells.flags[cell + offsets[i]] == INTERFACE:
+        if cells.flags[cell + offsets[i]] == INTERFACE and is_joined(i, cell, cells):
             found += 1
             total += _outwards(i, nx, ny, nz)
     if found == 0:
@@ -215,7 +227,7 @@ def hand_out(mass: float, cell: int, side: float, cells: Any, parts: Any) -> Non
         return
     for i in range(1, N_DIRECTIONS):
         other = cell + offsets[i]
-        if cells.flags[other] == INTERFACE:
+        if cells.flags[other] == INTERFACE and is_joined(i, cell, cells):
             share = _outwards(i, nx, ny, nz) / total if total > 1e-6 else 1.0 / found
             cells.mass[other] += share * mass
 
@@ -281,6 +293,8 @@ def settle(cells: Any, parts: Any) -> None:
 def _kind(cell: int, cells: Any) -> int:
     fluid, gas = False, False
     for i in range(1, N_DIRECTIONS):
+        if not is_joined(i, cell, cells):
+            continue
         flag = cells.flags[cell + cells.offsets[i]]
         fluid = fluid or flag == FLUID
         gas = gas or flag == GAS
@@ -299,7 +313,8 @@ def _release_films(cells: Any, parts: Any) -> None:
         held = False
         for i in range(1, N_DIRECTIONS):
             other = cell + cells.offsets[i]
-            if cells.flags[other] == INTERFACE and cells.kinds[other] != NO_FLUID:
+            beside = cells.flags[other] == INTERFACE and cells.kinds[other] != NO_FLUID
+            if beside and is_joined(i, cell, cells):
                 held = True
                 break
         if not held:
