@@ -91,7 +91,13 @@ def make_stimuli(
             needed[one.id] = one
     missing = [one for one in needed.values() if not stimuli.has(one)]
     if (missing or replace) and stimuli.manifest.solver_code != settings.solver_code:
-        stimuli = _begun_anew(stimuli, settings, liquids, replace)
+        if stimuli.manifest.stimuli and not replace:
+            raise InputError(
+                f"{folder}: made with another version of the solver {settings.solver.name!r}, "
+                "whose films end elsewhere; what is missing can't be made alike. `pourcast "
+                "stimuli` with --replace makes all its stimuli anew"
+            )
+        stimuli = _begun(folder, settings, liquids)
         missing = list(needed.values())
     if not missing:
         return stimuli
@@ -129,36 +135,24 @@ def _opened(
             raise
         there = None
     if there is None:
-        _forget_work(folder)
-    manifest = _empty_list(settings) if there is None else there.manifest
-    stimuli = StimulusSet(folder, manifest.with_liquids(liquids))
+        return _begun(folder, settings, liquids)
+    stimuli = StimulusSet(folder, there.manifest.with_liquids(liquids))
     if stimuli != there:
         write_set(stimuli)
     return _gathered(stimuli)
 
 
-def _empty_list(settings: StimulusSettings) -> Manifest:
-    return Manifest(settings=settings, solver_code=settings.solver_code)
-
-
-def _begun_anew(
-    stimuli: StimulusSet, settings: StimulusSettings, liquids: Sequence[Liquid], replace: bool
-) -> StimulusSet:
-    """The set without what another state of the solver's code has made, if that may go."""
-    if stimuli.manifest.stimuli and not replace:
-        raise InputError(
-            f"{stimuli.folder}: made with another version of the solver {settings.solver.name!r}, "
-            "whose films end elsewhere; what is missing can't be made alike. `pourcast stimuli` "
-            "with --replace makes all its stimuli anew"
-        )
-    _forget_work(stimuli.folder)
-    anew = StimulusSet(stimuli.folder, _empty_list(settings).with_liquids(liquids))
-    write_set(anew)
-    return anew
+def _begun(folder: Path, settings: StimulusSettings, liquids: Sequence[Liquid]) -> StimulusSet:
+    """An empty set with the liquids in its list; nothing of what stood there is used."""
+    _forget_work(folder)
+    manifest = Manifest(settings=settings, solver_code=settings.solver_code)
+    stimuli = StimulusSet(folder, manifest.with_liquids(liquids))
+    write_set(stimuli)
+    return stimuli
 
 
 def _forget_work(folder: Path) -> None:
-    """Remove what was left unfinished with other settings."""
+    """Remove what was left unfinished with other settings or code."""
     for path in sorted((folder / WORK).rglob("*"), reverse=True):
         if path.is_dir():
             path.rmdir()

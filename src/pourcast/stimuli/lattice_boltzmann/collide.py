@@ -61,9 +61,10 @@ FORCE = MOMENTS + 4
 LIMIT = FORCE + 3
 LINKS = LIMIT + 1
 STOPPED = LINKS + N_DIRECTIONS
-SCRATCH_ROWS = STOPPED + N_DIRECTIONS
-"""Rows of scratch: populations, density and velocity, push, greatest speed, links to walls
-and how much of each a wall stops."""
+WAYS = STOPPED + N_DIRECTIONS
+SCRATCH_ROWS = WAYS + N_DIRECTIONS
+"""Rows of scratch: populations, density and velocity, push, greatest speed, links to walls,
+how much of each a wall stops, and the passage that it would have taken."""
 
 _C = VELOCITY.astype(np.float32)
 _W = WEIGHT.astype(np.float32)
@@ -155,6 +156,7 @@ def _pull_at_wall(cell: int, lane: int, cells: Any, before: Any, scratch: Any, f
                 found = (1.0 - free) * leaving
                 scratch[LINKS + links, lane] = i
                 scratch[STOPPED + links, lane] = 1.0 - free
+                scratch[WAYS + links, lane] = way
                 links += 1
         if free > 0.0 and flags[other] == GAS:
             found += free * (_from_gas(i, ux, uy, uz, square) - leaving)
@@ -240,7 +242,7 @@ def _slide(cell: int, lane: int, cells: Any, links: int, scratch: Any, flow: Any
     """
     for k in range(links):
         i = int(scratch[LINKS + k, lane])
-        wall = wall_of(_source(i, cell, cells)[2], cell, cells)
+        wall = wall_of(int(scratch[WAYS + k, lane]), cell, cells)
         # Freely falling populations have been pushed by half a step more than the velocity tells;
         # where a wall holds them, the push is soon in balance with its drag.
         push = 0.5 if cells.slip[wall] == 1.0 else 0.0

@@ -70,10 +70,10 @@ def _move(k: int, cells: Any, drops: Any, flow: Any) -> None:
     vy = drops[4, k] + flow.gravity_y
     vz = drops[5, k] + flow.gravity_z
     x, y, z = drops[0, k], drops[1, k], drops[2, k]
-    limit = speed_limit(_cell(x, y, z, cells), cells, flow)
+    here = _cell(x, y, z, cells)
+    limit = speed_limit(here, cells, flow)
     slowed = min(1.0, limit / np.sqrt(vx * vx + vy * vy + vz * vz + 1e-30))
     vx, vy, vz = vx * slowed, vy * slowed, vz * slowed
-    here = _cell(x, y, z, cells)
     wall = _cell(x + vx, y + vy, z + vz, cells)
     if _is_open(here, wall, cells):
         _place(k, drops, x + vx, y + vy, z + vz, vx, vy, vz)
@@ -96,8 +96,10 @@ def _move(k: int, cells: Any, drops: Any, flow: Any) -> None:
 @kernel
 def _is_open(here: int, there: int, cells: Any) -> Any:
     """Whether a droplet can go from one cell to another beside it."""
-    if cells.room[there] < _OPEN or here == there:
-        return cells.room[there] >= _OPEN
+    if cells.room[there] < _OPEN:
+        return False
+    if here == there:
+        return True
     for i in range(1, N_DIRECTIONS):
         if here + cells.offsets[i] == there:
             return is_joined(i, here, cells)
