@@ -9,9 +9,9 @@ poured by the lattice-Boltzmann solver at every resolution, as water and as hone
 length, and judged by the ground truths. `--viscosity` adds honey of other viscosities [m^2/s];
 `--moved` pours all once more, from starts moved to the right [mm], to see how far chaos goes;
 `--shifted` does so with all but the box moved by a share of a cell, to see how much it matters
-where the lattice lies. `--layers` makes the films' box so many cells deep, which is cheaper.
-FOLDER keeps each outcome as it comes: the same command goes on after an interruption, and pours
-only what another scene, liquid or code makes new.
+where the lattice lies. `--layers` is the solver's: so many cells through the depth, which is
+cheaper. FOLDER keeps each outcome as it comes: the same command goes on after an interruption,
+and pours only what another scene, liquid or code makes new.
 """
 
 import argparse
@@ -155,9 +155,8 @@ def shifted(scene: Scene, shift: float) -> Scene:
     return moved(scene, shift).model_copy(update={"obstacles": obstacles, "goal": goal})
 
 
-def layered(scene: Scene, depth: float) -> Scene:
-    """The scene in a box of another depth [m]."""
-    return scene.model_copy(update={"box": scene.box.model_copy(update={"depth": depth})})
+def _same(scene: Scene, _cell: float) -> Scene:
+    return scene
 
 
 def cell_of(scene: Scene, cells: int) -> float:
@@ -170,7 +169,8 @@ def films_of(
     resolutions: Sequence[int],
     viscosities: Sequence[float],
     liquids: Sequence[str] = LIQUIDS,
-    changes: Sequence[Change] = (),
+    change: Change = _same,
+    layers: int | None = None,
 ) -> dict[Key, list[Film]]:
     """The films of each row: liquids, and honey of other viscosities [m^2/s]."""
     poured = {name: [resolve_liquid(name, scene) for scene in scenes] for name in liquids}
@@ -181,20 +181,13 @@ def films_of(
         ]
     return {
         (name, cells): [
-            Film(changed(scene, cells, changes), liquid, LatticeBoltzmann(resolution=cells))
+            Film(change(scene, cell_of(scene, cells)), liquid, solver)
             for scene, liquid in zip(scenes, each, strict=True)
         ]
         for name, each in poured.items()
         for cells in resolutions
+        for solver in [LatticeBoltzmann(resolution=cells, layers=layers)]
     }
-
-
-def changed(scene: Scene, cells: int, changes: Sequence[Change]) -> Scene:
-    """The scene after all changes."""
-    cell = cell_of(scene, cells)
-    for change in changes:
-        scene = change(scene, cell)
-    return scene
 
 
 def main() -> None:
@@ -214,19 +207,17 @@ def main() -> None:
     chosen = parser.parse_args()
     request = SceneRequest(chosen.experiment, chosen.scenes, chosen.seed)
     scenes, cells = generate_scenes(request).scenes, sorted(chosen.cells)
-    changes: list[Change] = []
-    if chosen.layers is not None:
-        changes += [lambda scene, cell: layered(scene, chosen.layers * cell)]
-    drawn, ways = [scenes], [changes]
+    drawn: list[Sequence[Scene]] = [scenes]
+    changes: list[Change] = [_same]
     if chosen.moved is not None:
         drawn += [[moved(scene, chosen.moved / 1000) for scene in scenes]]
-        ways += [changes]
+        changes += [_same]
     if chosen.shifted is not None:
         drawn += [scenes]
-        ways += [[*changes, lambda scene, cell: shifted(scene, chosen.shifted * cell)]]
+        changes += [lambda scene, cell: shifted(scene, chosen.shifted * cell)]
     films = [
-        films_of(each, cells, chosen.viscosity, chosen.liquids, way)
-        for each, way in zip(drawn, ways, strict=True)
+        films_of(each, cells, chosen.viscosity, chosen.liquids, change, chosen.layers)
+        for each, change in zip(drawn, changes, strict=True)
     ]
     missing = [film for each in films for row in each.values() for film in row]
     with resumable(chosen.folder), progress_bar() as report:

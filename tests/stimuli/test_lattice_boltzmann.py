@@ -22,6 +22,7 @@ from pourcast.stimuli.lattice_boltzmann.solver import (
     wall_normals,
 )
 from pourcast.stimuli.lattice_boltzmann.voxels import voxelise
+from pourcast.stimuli.recording import Moment, RecordedPour
 from pourcast.stimuli.solvers import lbm
 from tests.make import random_scenes
 
@@ -234,7 +235,7 @@ def test_walls_that_hold_it_do():
 @pytest.mark.parametrize("degrees", [15, 30, 45])
 def test_liquid_slides_down_a_staircase_as_down_a_slope(degrees):
     # u = g sin(angle) t without friction, for a layer of six cells.
-    angle, shape = np.radians(degrees), (90, 70, 4)
+    angle, shape = np.radians(degrees), (90, 70, 8)
     x, y = np.meshgrid(*(np.arange(side) + 0.5 for side in shape[:2]), indexing="ij")
     above = (y - 60 + np.tan(angle) * x) * np.cos(angle)
     along = x * np.cos(angle) - (y - 60) * np.sin(angle)
@@ -660,6 +661,43 @@ def test_mirrored_scenes_have_mirrored_outcomes_on_the_whole():
     ]
     differences = np.array([one - other for one, other in pairs])
     assert np.abs(differences).mean() < 0.12
+
+
+def test_few_layers_and_their_mirror_images_fill_the_box(ramp):
+    # Until it splashes (0.25 s) the flow is one in a plane: with any layers the same.
+    solver = COARSE.model_copy(update={"layers": 3})
+    flat, deep = (each.pour(ramp, registry.WATER, 0.2) for each in (solver, COARSE))
+    for moment, whole in zip(flat.moments, deep.moments, strict=True):
+        assert moment.fill.shape == whole.fill.shape
+        assert moment.fill.astype(int) == pytest.approx(whole.fill.astype(int), abs=1)
+    assert (flat.solid == deep.solid).all()
+    assert flat.origin == deep.origin
+    assert flat.outcome == pytest.approx(deep.outcome, abs=1e-4)
+    assert flat.volume == pytest.approx(deep.volume, rel=1e-3)
+
+
+@pytest.mark.parametrize("liquid", ["water", "honey"])
+def test_front_and_back_are_mirrors(ramp, liquid):
+    # What is the same through the depth stays so, also where front meets ceiling and floor.
+    flow, _ = started(ramp, liquid)
+    for moment in (0.02, 0.1, 0.15):
+        flow.advance(moment)
+        assert np.abs(np.diff(flow.grid("mass"), axis=-1)).max() < 1e-5
+
+
+def test_drops_are_mirrored_with_their_layers():
+    fill = np.zeros((2, 2, 3), np.uint8)
+    fill[0, 0] = 10, 20, 30
+    points = np.array([[0.5, 0.5, 3.25, 0.01]], np.float32)
+    solid = np.zeros(fill.shape, bool)
+    pour = RecordedPour((Moment(fill, points),), 1.0, (0.0, 0.0, 3.0), solid, 0.5, 0.0)
+    whole = lbm.mirrored_through(pour, 8.0)
+    (moment,) = whole.moments
+    assert moment.fill[0, 0].tolist() == [10, 20, 30, 30, 20, 10, 10, 20]
+    assert whole.origin == (0.0, 0.0, 0.0)
+    assert moment.points[:, 2] == pytest.approx([0.25, 5.75, 6.25])
+    # A box thinner than the layers shows them all.
+    assert lbm.mirrored_through(pour, 2.0).moments[0].fill.shape == (2, 2, 3)
 
 
 def test_threads_change_nothing(ramp):

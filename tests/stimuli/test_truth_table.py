@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from benchmarks.stimulus_truth import Film, changed, layered, outcomes_in, shifted
+from benchmarks.stimulus_truth import Film, films_of, outcomes_in, shifted
 
 from pourcast.scenes.liquids.registry import HONEY_EXP1, WATER
 from pourcast.stimuli.solvers.lbm import LatticeBoltzmann
@@ -31,14 +31,15 @@ def test_films_that_differ_in_scene_liquid_length_or_cells_are_told_apart(ramp):
     assert Film(ramp, replace(WATER, colour="#000000"), coarse).digest == films[0].digest
 
 
-def test_scenes_are_moved_by_parts_of_a_cell_and_made_as_deep_as_asked(ramp):
-    cell = 1.5 / 60
-    changes = [lambda scene, c: layered(scene, 3 * c), lambda scene, c: shifted(scene, 0.5 * c)]
-    scene = changed(ramp, 60, changes)
-    assert scene.box.depth == pytest.approx(3 * cell)
-    assert (scene.box.width, scene.box.height) == (ramp.box.width, ramp.box.height)
-    step = pytest.approx(0.5 * cell)
-    assert scene.obstacles[0][0][0] - ramp.obstacles[0][0][0] == step
-    assert scene.obstacles[0][0][1] == ramp.obstacles[0][0][1]
-    assert scene.goal.divider_x - ramp.goal.divider_x == step
-    assert scene.liquid.centre[0] - ramp.liquid.centre[0] == step
+def test_scenes_are_moved_by_parts_of_a_cell(ramp):
+    half = 0.5 * 1.5 / 60
+    ((film,),) = films_of(
+        [ramp], [60], [], ["water"], lambda scene, cell: shifted(scene, 0.5 * cell), layers=3
+    ).values()
+    assert film.solver == LatticeBoltzmann(resolution=60, layers=3)
+    assert film.scene.box == ramp.box
+    step = pytest.approx(half)
+    assert film.scene.obstacles[0][0][0] - ramp.obstacles[0][0][0] == step
+    assert film.scene.obstacles[0][0][1] == ramp.obstacles[0][0][1]
+    assert film.scene.goal.divider_x - ramp.goal.divider_x == step
+    assert film.scene.liquid.centre[0] - ramp.liquid.centre[0] == step

@@ -72,6 +72,10 @@ def stimuli(
     resolution: Annotated[
         int | None, typer.Option(help="lbm: cells along the longest side [100; paper 300].")
     ] = None,
+    layers: Annotated[
+        int | None,
+        typer.Option(help="lbm: cells through the depth; few, and fine cells are cheap [all]."),
+    ] = None,
     real_size: Annotated[
         float | None,
         typer.Option(help="lbm: real length of that side, in metres [0.5, as in the paper]."),
@@ -106,6 +110,7 @@ def stimuli(
         webm=webm,
         options={
             "resolution": PREVIEW_RESOLUTION if preview and resolution is None else resolution,
+            "layers": layers,
             "real_size": real_size,
             "samples": samples,
             "denoise": denoise,

@@ -180,15 +180,30 @@ def _source(i: int, cell: int, cells: Any) -> Any:
     """Where a population comes from, which it was there, and the passage that it took.
 
     A wall across an axis that lets liquid slip is a mirror: what comes from it has come from the
-    neighbour along it.
+    neighbour along it. Where two meet, it has come from the cell itself.
     """
+    axis = mirror_of(i, cell, cells)
+    if axis == 0:
+        return cell - cells.offsets[i], i, i
+    way, source = FLATTENED[axis - 1, i], MIRRORED[axis - 1, i]
+    second = mirror_of(way, cell, cells)
+    if second > 0:
+        way, source = FLATTENED[second - 1, way], MIRRORED[second - 1, source]
+    return cell - cells.offsets[way], source, way
+
+
+@kernel
+def mirror_of(i: int, cell: int, cells: Any) -> int:
+    """Axis of the mirror that population `i` comes out of, from 1; 0 where there is none."""
     other = cell - cells.offsets[i]
-    axis = cells.axis[other] if cells.flags[other] == SOLID else 0
+    axis = int(cells.axis[other]) if cells.flags[other] == SOLID else 0
     if axis > 0 and VELOCITY[i, axis - 1] != 0:
         step = VELOCITY[i, axis - 1] * cells.offsets[2 * axis - 1]
-        if cells.axis[cell - step] == axis and cells.flags[other + step] != SOLID:
-            return other + step, MIRRORED[axis - 1, i], FLATTENED[axis - 1, i]
-    return other, i, i
+        beside = other + step
+        open_beside = cells.flags[beside] != SOLID or cells.axis[beside] > 0
+        if cells.axis[cell - step] == axis and open_beside:
+            return axis
+    return 0
 
 
 @kernel

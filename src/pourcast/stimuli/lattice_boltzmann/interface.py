@@ -13,8 +13,9 @@ bodies do until they meet liquid again.
 from typing import Any
 
 from pourcast.engine.compile import kernel
-from pourcast.stimuli.lattice_boltzmann.collide import equilibrium, leaves, wall_of
+from pourcast.stimuli.lattice_boltzmann.collide import equilibrium, leaves, mirror_of, wall_of
 from pourcast.stimuli.lattice_boltzmann.lattice import (
+    FLATTENED,
     FLUID,
     GAS,
     INTERFACE,
@@ -96,6 +97,24 @@ def full_mass(cell: int, cells: Any) -> Any:
 
 
 @kernel
+def _way(i: int, cell: int, cells: Any) -> tuple[int, int]:
+    """Direction of what is seen in direction `i`, and the axis of the mirror; 0 without one.
+
+    What the surface does beside a mirror is what it would do without: liquid that is the same in
+    front and behind stays so.
+    """
+    axis = mirror_of(OPPOSITE[i], cell, cells)
+    return i if axis == 0 else FLATTENED[axis - 1, i], axis
+
+
+@kernel
+def _fill_seen(i: int, cell: int, cells: Any) -> Any:
+    """Fill of a neighbour; beside a solid that of the cell itself, so that nothing leans to it."""
+    other = cell + cells.offsets[i]
+    return cells.fill[cell if cells.flags[other] == SOLID else other]
+
+
+@kernel
 def is_joined(i: int, cell: int, cells: Any) -> Any:
     """Whether liquid can move to the neighbour in direction `i`: no wall parts it from there."""
     return cells.passage[cells.links[cell], OPPOSITE[i]] > 0.0
@@ -165,14 +184,15 @@ def _start_new(cells: Any, parts: Any, there: int, flow: Any) -> None:
         cell = parts.active[k]
         density, ux, uy, uz, found = 0.0, 0.0, 0.0, 0.0, 0
         for i in range(1, N_DIRECTIONS):
-            other = cell + cells.offsets[i]
-            if not is_joined(i, cell, cells):
+            way, mirror = _way(i, cell, cells)
+            other = cell + cells.offsets[way]
+            if not is_joined(way, cell, cells):
                 continue
             if cells.flags[other] in (FLUID, INTERFACE) and cells.marks[other] != _NEW:
                 density += cells.density[other]
-                ux += cells.velocity[0, other]
-                uy += cells.velocity[1, other]
-                uz += cells.velocity[2, other]
+                ux += -cells.velocity[0, other] if mirror == 1 else cells.velocity[0, other]
+                uy += -cells.velocity[1, other] if mirror == 2 else cells.velocity[1, other]
+                uz += -cells.velocity[2, other] if mirror == 3 else cells.velocity[2, other]
                 found += 1
         move_evenly(cell, cells, there, flow, density / found, ux / found, uy / found, uz / found)
     for k in range(first, parts.counts[0]):
@@ -210,13 +230,14 @@ def hand_out(mass: float, cell: int, side: float, cells: Any, parts: Any) -> Non
     (`side` 1: the surface has moved on), or inwards (`side` -1: it draws back); if there are none
     of them, all of them (as with `side` 0). Were it given all around, the surface would lag behind.
     """
-    offsets, fill = cells.offsets, cells.fill
-    nx = side * (fill[cell - offsets[1]] - fill[cell + offsets[1]])
-    ny = side * (fill[cell - offsets[3]] - fill[cell + offsets[3]])
-    nz = side * (fill[cell - offsets[5]] - fill[cell + offsets[5]])
+    nx = side * (_fill_seen(2, cell, cells) - _fill_seen(1, cell, cells))
+    ny = side * (_fill_seen(4, cell, cells) - _fill_seen(3, cell, cells))
+    nz = side * (_fill_seen(6, cell, cells) - _fill_seen(5, cell, cells))
     total, found = 0.0, 0
     for i in range(1, N_DIRECTIONS):
-        if cells.flags[cell + offsets[i]] == INTERFACE and is_joined(i, cell, cells):
+        way, _ = _way(i, cell, cells)
+        other = cell + cells.offsets[way]
+        if cells.flags[other] == INTERFACE and is_joined(way, cell, cells):
             found += 1
             total += _outwards(i, nx, ny, nz)
     if found == 0:
@@ -226,8 +247,9 @@ def hand_out(mass: float, cell: int, side: float, cells: Any, parts: Any) -> Non
             parts.owed[0] += mass
         return
     for i in range(1, N_DIRECTIONS):
-        other = cell + offsets[i]
-        if cells.flags[other] == INTERFACE and is_joined(i, cell, cells):
+        way, _ = _way(i, cell, cells)
+        other = cell + cells.offsets[way]
+        if cells.flags[other] == INTERFACE and is_joined(way, cell, cells):
             share = _outwards(i, nx, ny, nz) / total if total > 1e-6 else 1.0 / found
             cells.mass[other] += share * mass
 

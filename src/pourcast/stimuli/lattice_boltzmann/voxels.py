@@ -60,7 +60,7 @@ class Voxels:
     goal: NDArray[np.float64]
 
 
-def voxelise(scene: Scene, resolution: int) -> Voxels:
+def voxelise(scene: Scene, resolution: int, layers: int | None = None) -> Voxels:
     """Put a scene on a grid.
 
     Parameters
@@ -69,11 +69,14 @@ def voxelise(scene: Scene, resolution: int) -> Voxels:
         The scene.
     resolution
         Cells along the longest side of the box.
+    layers
+        Cells through the depth, in the middle of the box; as many as fill it by default.
     """
     box = scene.box
     sides = (box.width, box.height, box.depth)
     cell = max(sides) / resolution
-    counts = tuple(max(3, round(side / cell)) for side in sides)
+    counts = [max(3, round(side / cell)) for side in sides]
+    counts[2] = min(layers or counts[2], counts[2])
     # The floor is where it is; left and right, front and back are alike.
     origin = (
         (box.width - counts[0] * cell) / 2,

@@ -1,5 +1,6 @@
 """Free-surface lattice Boltzmann, as the paper's stimuli; independent of the particle engine."""
 
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -32,6 +33,10 @@ class LatticeBoltzmann(Solver):
     real_size
         Real length of that side [m]. Water in a small box falls and comes to rest sooner; paper:
         0.5.
+    layers
+        Cells through the depth, at least 3; all of the box's by default. With few, the liquid
+        moves as in a plane, and fine cells take minutes; front and back are planes of symmetry,
+        so that films show the layers and their mirror images until the box is full.
     """
 
     name: ClassVar[str] = "lbm"
@@ -40,6 +45,7 @@ class LatticeBoltzmann(Solver):
 
     resolution: int = Field(default=100, ge=20, le=600)
     real_size: float = Field(default=0.5, gt=0.0, le=20.0)
+    layers: int | None = Field(default=None, ge=3, le=600)
 
     def pour(
         self,
@@ -51,7 +57,7 @@ class LatticeBoltzmann(Solver):
         report: Report = no_report,
     ) -> RecordedPour:
         """Pour a liquid, `seconds` in the real size's time. See `Solver.pour`."""
-        voxels = voxelise(scene, self.resolution)
+        voxels = voxelise(scene, self.resolution, self.layers)
         flow = start_flow(scene, liquid, self, voxels, threads)
         count = max(1, round(seconds * FRAME_RATE))
         moments = [_moment(flow, voxels)]
@@ -60,9 +66,10 @@ class LatticeBoltzmann(Solver):
             moments.append(_moment(flow, voxels))
             report("pouring", k + 1, count)
         outcome, stranded = shares(flow, voxels, scene)
-        return RecordedPour(
+        pour = RecordedPour(
             tuple(moments), voxels.cell, voxels.origin, voxels.solid, outcome, stranded
         )
+        return pour if self.layers is None else mirrored_through(pour, scene.box.depth)
 
     def liquid_identity(self, liquid: Liquid) -> dict[str, Any]:
         """Viscosity, and what walls do. See `Solver.liquid_identity`."""
@@ -78,7 +85,7 @@ def pour_to_end(
     scene: Scene, liquid: Liquid, solver: LatticeBoltzmann, seconds: float
 ) -> tuple[float, float]:
     """Pour without pictures, in the steps of a film; see `shares` for what is returned."""
-    voxels = voxelise(scene, solver.resolution)
+    voxels = voxelise(scene, solver.resolution, solver.layers)
     flow = start_flow(scene, liquid, solver, voxels)
     for k in range(1, round(seconds * FRAME_RATE) + 1):
         flow.advance(k / FRAME_RATE)
@@ -128,6 +135,40 @@ def shares(flow: LatticeFlow, voxels: Voxels, scene: Scene) -> tuple[float, floa
     inside = (mass.sum(axis=2) * voxels.goal).sum() + volumes @ held
     above = mass[:, heights > scene.goal.rim].sum() + volumes[y > scene.goal.rim].sum()
     return float(inside / total), float(above / total)
+
+
+def mirrored_through(pour: RecordedPour, depth: float) -> RecordedPour:
+    """A pour and its mirror images in front and behind, by turns, through a box's depth.
+
+    Parameters
+    ----------
+    pour
+        A pour in a layer whose front and back are planes of symmetry.
+    depth
+        Of the box [m].
+    """
+    layers = pour.solid.shape[2]
+    count = max(layers, round(depth / pour.cell))
+    period = np.concatenate([np.arange(layers), np.arange(layers)[::-1]])
+    shown = np.resize(period, count)
+    start, thickness = (depth - count * pour.cell) / 2, layers * pour.cell
+
+    def through(moment: Moment) -> Moment:
+        points = moment.points
+        inside = points[:, 2] - pour.origin[2]
+        images = []
+        for image in range(-(-count // layers)):
+            place = image * thickness + (thickness - inside if image % 2 else inside)
+            seen = place < count * pour.cell
+            images.append(np.column_stack([points[seen, :2], start + place[seen], points[seen, 3]]))
+        return Moment(moment.fill[:, :, shown], np.concatenate(images).astype(np.float32))
+
+    return replace(
+        pour,
+        moments=tuple(through(moment) for moment in pour.moments),
+        origin=(*pour.origin[:2], start),
+        solid=pour.solid[:, :, shown],
+    )
 
 
 def _placed(drops: NDArray[np.float64], flow: LatticeFlow, voxels: Voxels) -> NDArray[np.float64]:
