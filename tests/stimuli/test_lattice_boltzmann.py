@@ -670,7 +670,7 @@ def test_few_layers_and_their_mirror_images_fill_the_box(ramp):
     for moment, whole in zip(flat.moments, deep.moments, strict=True):
         assert moment.fill.shape == whole.fill.shape
         assert moment.fill.astype(int) == pytest.approx(whole.fill.astype(int), abs=1)
-    assert (flat.solid == deep.solid).all()
+    assert (flat.room == deep.room).all()
     assert flat.origin == deep.origin
     assert flat.outcome == pytest.approx(deep.outcome, abs=1e-4)
     assert flat.volume == pytest.approx(deep.volume, rel=1e-3)
@@ -689,8 +689,8 @@ def test_drops_are_mirrored_with_their_layers():
     fill = np.zeros((2, 2, 3), np.uint8)
     fill[0, 0] = 10, 20, 30
     points = np.array([[0.5, 0.5, 3.25, 0.01]], np.float32)
-    solid = np.zeros(fill.shape, bool)
-    pour = RecordedPour((Moment(fill, points),), 1.0, (0.0, 0.0, 3.0), solid, 0.5, 0.0)
+    room = np.ones(fill.shape, np.float32)
+    pour = RecordedPour((Moment(fill, points),), 1.0, (0.0, 0.0, 3.0), room, 0.5, 0.0)
     whole = lbm.mirrored_through(pour, 8.0)
     (moment,) = whole.moments
     assert moment.fill[0, 0].tolist() == [10, 20, 30, 30, 20, 10, 10, 20]

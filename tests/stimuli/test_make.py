@@ -33,6 +33,7 @@ from tests.make import ramp_scene, random_scenes
 SMALL = Preview(width=80)
 QUICK = StimulusSettings(solver=ParticleEngine(), renderer=SMALL, seconds=0.2)
 LATTICE = StimulusSettings(solver=LatticeBoltzmann(resolution=24), renderer=SMALL, seconds=0.2)
+WHOLE = LATTICE.model_copy(update={"seconds": None})
 
 
 def films(*scenes, liquids=("water", "honey")):
@@ -164,6 +165,38 @@ def test_a_stimulus_that_another_process_is_at_is_left_to_it(ramp, tmp_path):
         assert one.run().outcome == "busy"
 
 
+def test_two_processes_do_not_make_one_set_at_once(ramp, tmp_path):
+    made = make_stimuli(tmp_path, films(ramp), QUICK)
+    folder = set_folder(tmp_path, QUICK.name)
+    with (
+        task.FileLock(folder.parent / f".{folder.name}.lock"),
+        pytest.raises(StoreError, match="another process is making these stimuli"),
+    ):
+        make_stimuli(tmp_path, films(ramp), QUICK, replace=True)
+    assert make_stimuli(tmp_path, films(ramp), QUICK) == made
+
+
+def test_a_damaged_pour_is_made_again(ramp, tmp_path):
+    whole = make_stimuli(tmp_path, films(ramp), QUICK)
+    other = tmp_path / "other"
+    for request in films(ramp):
+        pour = set_folder(other, QUICK.name) / WORK / request.id / "pour.npz"
+        pour.parent.mkdir(parents=True)
+        pour.write_bytes(b"PK\x03\x04 not a pour")
+    folder = set_folder(other, QUICK.name)
+    for request in films(ramp):
+        assert StimulusTask(folder, request, QUICK).run().outcome == "done"
+    assert make_stimuli(other, films(ramp), QUICK).manifest == whole.manifest
+
+
+def test_a_set_that_is_begun_anew_keeps_no_files_of_the_old(ramp, tmp_path):
+    make_stimuli(tmp_path, films(ramp), LATTICE)
+    finer = LATTICE.model_copy(update={"solver": LatticeBoltzmann(resolution=30)})
+    made = make_stimuli(tmp_path, [StimulusRequest(ramp, WATER)], finer, replace=True)
+    files = {path.name for path in made.folder.glob("*.*")}
+    assert files == {"manifest.json", *made.manifest.stimuli[0].files}
+
+
 def test_a_failure_is_told_and_the_others_are_made(ramp, tmp_path, monkeypatch):
     def refuse(solver, scene, liquid, *rest, **more):
         if liquid == HONEY_EXP1:
@@ -270,8 +303,10 @@ def test_outcomes_of_the_lattice_are_a_ground_truth(ramp, tmp_path):
     assert stimulus_truth(tmp_path, scenes, "water") is None
     make_stimuli(tmp_path, films(*scenes, liquids=["water"]), QUICK)
     assert stimulus_truth(tmp_path, scenes, "water") is None  # of the models' own kind
+    make_stimuli(tmp_path, films(*scenes, liquids=["water"]), LATTICE)
+    assert stimulus_truth(tmp_path, scenes, "water") is None  # films that end before the liquid
     made = make_stimuli(
-        tmp_path, films(ramp.mirrored(), cup.mirrored(), liquids=["water"]), LATTICE
+        tmp_path, films(ramp.mirrored(), cup.mirrored(), liquids=["water"]), WHOLE, replace=True
     )
     first, second = (one.outcome for one in made.manifest.stimuli)
     assert stimulus_truth(tmp_path, scenes, "water") == pytest.approx([1.0 - first, second])
@@ -435,7 +470,7 @@ def test_what_a_stimulus_does_not_depend_on_may_change(ramp, tmp_path):
 def test_outcomes_of_another_liquid_of_the_same_name_are_no_truth(ramp, tmp_path):
     own = tmp_path / "study.toml"
     own.write_text("[liquids.syrup]\nviscosity_alpha = 1.0\nkinematic_viscosity = 1e-3\n")
-    make_stimuli(tmp_path, films(ramp, liquids=study_liquids(tmp_path)), LATTICE)
+    make_stimuli(tmp_path, films(ramp, liquids=study_liquids(tmp_path)), WHOLE)
     assert stimulus_truth(tmp_path, [ramp], "syrup") is not None
     own.write_text(own.read_text() + "slip = 0.0\n")
     with pytest.raises(InputError, match=r"syrup: slip 1\.0, not 0\.0"):

@@ -54,7 +54,9 @@ def test_a_mirrored_scene_makes_the_mirrored_picture(ramp):
 def test_solids_hide_the_liquid_and_are_no_part_of_it(ramp):
     cells = np.full((20, 30, 3), FULL, np.uint8)
     moment = Moment(cells, np.zeros((0, 4), np.float32))
-    pour = RecordedPour((moment,), 0.05, (0.0, 0.0, 0.0), cells > FULL, 0.5, 0.0)
+    pour = RecordedPour(
+        (moment,), 0.05, (0.0, 0.0, 0.0), np.ones(cells.shape, np.float32), 0.5, 0.0
+    )
     image = drawn(ramp, pour)
     wet = coloured(image, "water")
     # The middle of the ramp, and of the divider.

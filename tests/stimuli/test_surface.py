@@ -12,19 +12,18 @@ from pourcast.stimuli.recording import (
     RecordedPour,
     load_pour,
     save_pour,
-    volume_of,
 )
 from pourcast.stimuli.surface import EMPTY, cells_mesh, drops_mesh, liquid_mesh
 
 CELL = 0.01
 
 
-def pour_of(fill, points=(), solid=None):
+def pour_of(fill, points=(), room=None):
     moment = Moment(
         np.round(FULL * fill).astype(np.uint8), np.array(points, np.float32).reshape(-1, 4)
     )
-    solid = np.zeros(fill.shape, dtype=bool) if solid is None else solid
-    return RecordedPour((moment,), CELL, (0.0, 0.0, 0.0), solid, 0.5, 0.0)
+    room = np.ones(fill.shape, np.float32) if room is None else room
+    return RecordedPour((moment,), CELL, (0.0, 0.0, 0.0), room, 0.5, 0.0)
 
 
 def ball(radius):
@@ -62,10 +61,10 @@ def test_drops_are_spheres_of_their_volume():
 
 
 def test_liquid_leaves_no_gap_to_what_it_lies_on():
-    fill, solid = np.zeros((12, 12, 12)), np.zeros((12, 12, 12), dtype=bool)
-    solid[:, :4] = True
+    fill, room = np.zeros((12, 12, 12)), np.ones((12, 12, 12), np.float32)
+    room[:, :4] = 0.0
     fill[:, 4:7] = 1.0
-    mesh = cells_mesh(pour_of(fill, solid=solid).moments[0], pour_of(fill, solid=solid))
+    mesh = cells_mesh(pour_of(fill, room=room).moments[0], pour_of(fill, room=room))
     assert mesh.vertices[:, 1].min() < 4 * CELL
     assert mesh.vertices[:, 1].max() == pytest.approx(7 * CELL, abs=0.4 * CELL)
 
@@ -83,7 +82,7 @@ def test_particles_have_a_closed_surface_around_them():
     nothing = np.zeros((0, 0, 0))
     one = RecordedPour(
         (Moment(nothing.astype(np.uint8), points.astype(np.float32)),),
-        0.02, (0.0, 0.0, 0.0), nothing.astype(bool), 0.5, 0.0,
+        0.02, (0.0, 0.0, 0.0), nothing.astype(np.float32), 0.5, 0.0,
     )  # fmt: skip
     mesh = liquid_mesh(one, 0)
     assert is_closed(mesh)
@@ -100,7 +99,8 @@ def test_a_pour_is_kept_and_read_as_it_was(tmp_path):
     assert (other.moments[0].fill == one.moments[0].fill).all()
     assert (other.moments[0].points == one.moments[0].points).all()
     assert (other.cell, other.origin, other.outcome) == (one.cell, one.origin, one.outcome)
-    assert volume_of(other.moments[0], CELL) == one.volume
+    assert (other.room == one.room).all()
+    assert other.volume == one.volume
 
 
 def test_without_the_extra_it_is_said_which_to_install(monkeypatch):

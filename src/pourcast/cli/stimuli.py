@@ -40,7 +40,7 @@ def stimuli(
         ),
     ] = "preview",
     preview: Annotated[
-        bool, typer.Option("--preview", help="A quick look: preview, at resolution 60.")
+        bool, typer.Option("--preview", help="A quick look: at resolution 60.")
     ] = False,
     scenes: Annotated[
         int | None, typer.Option(min=1, help="Only the first so many scenes, without practice.")
@@ -82,7 +82,10 @@ def stimuli(
     ] = None,
     webm: Annotated[bool, typer.Option("--webm", help="Make WebM films, too.")] = False,
     replace: Annotated[
-        bool, typer.Option("--replace", help="Make all anew if they were made otherwise.")
+        bool,
+        typer.Option(
+            "--replace", help="Begin the set anew if it was made otherwise: what was in it goes."
+        ),
     ] = False,
     executor: ExecutorOption = ExecutorName.LOCAL,
     workers: Annotated[
@@ -102,14 +105,15 @@ def stimuli(
     from pourcast.experiment.design.films import film_study
     from pourcast.stimuli.settings import PREVIEW_RESOLUTION, stimulus_settings
 
+    quick = preview and resolution is None and solver == "lbm"
     settings = stimulus_settings(
         solver,
-        "preview" if preview else renderer,
+        renderer,
         size=pixels(size),
         seconds=seconds,
         webm=webm,
         options={
-            "resolution": PREVIEW_RESOLUTION if preview and resolution is None else resolution,
+            "resolution": PREVIEW_RESOLUTION if quick else resolution,
             "layers": layers,
             "real_size": real_size,
             "samples": samples,

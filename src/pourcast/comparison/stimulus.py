@@ -32,7 +32,8 @@ def stimulus_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray
     Returns
     -------
     ndarray
-        Shape [scene_count], of the first set that has all of them; None if there is none.
+        Shape [scene_count], of the first set that has all of them in films as long as the
+        liquid's own: a shorter one ends before the liquid is where it ends. None if there is none.
 
     Raises
     ------
@@ -43,6 +44,8 @@ def stimulus_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray
     liquids = [resolve_liquid(liquid, scene, own) for scene in scenes]
     sets = [one for one in sets_of(study) if one.manifest.settings.solver.independent]
     for stimuli in sets:
+        if any(stimuli.manifest.settings.film_seconds(one) < one.film_seconds for one in liquids):
+            continue
         outcomes = [
             _outcome(stimuli, scene, one) for scene, one in zip(scenes, liquids, strict=True)
         ]
@@ -76,7 +79,7 @@ def required_truth(study: Path, scenes: Sequence[Scene], liquid: str) -> NDArray
     outcomes = stimulus_truth(study, scenes, liquid)
     if outcomes is None:
         raise InputError(
-            f"{study}: {NAME}: not all scenes were filmed with {liquid}; "
+            f"{study}: {NAME}: not all scenes were filmed with {liquid} to the end; "
             "`pourcast stimuli STUDY` does it"
         )
     return outcomes

@@ -1,9 +1,11 @@
 """Making a study's stimuli: what is missing, in parallel, from where it stopped."""
 
+import shutil
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
+from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from pourcast.cores import available_cores
@@ -23,7 +25,7 @@ from pourcast.stimuli.manifest import (
 from pourcast.stimuli.renderers.preview import Preview
 from pourcast.stimuli.settings import StimulusSettings
 from pourcast.stimuli.solvers.sph import ParticleEngine
-from pourcast.stimuli.task import WORK, StimulusTask
+from pourcast.stimuli.task import MADE, WORK, StimulusTask
 from pourcast.sweep.executors import Executor
 from pourcast.sweep.executors.in_process import InProcessExecutor
 from pourcast.sweep.executors.local import LocalExecutor
@@ -57,8 +59,8 @@ def make_stimuli(
     settings
         How stimuli are made; their name is the set's.
     replace
-        Whether to begin a set anew that was made with other settings, liquids or code, or is
-        damaged.
+        Whether to begin a set anew, with what is asked for now, that was made with other settings,
+        liquids or code, or is damaged. What was in it goes.
     workers
         Stimuli at a time; the others' cores are shared. All cores by default; one for a slow
         renderer, which uses all of them by itself.
@@ -80,9 +82,30 @@ def make_stimuli(
         liquid's numbers were others, two liquids have one name, or the renderer's program isn't
         there.
     StoreError
-        If some stimuli could not be made; the others are.
+        If some stimuli could not be made; the others are. Also if another process makes this
+        set: of two at once, with other settings, each would list what the other made.
     """
     folder = set_folder(study, settings.name)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(folder.parent / f".{folder.name}.lock", blocking=False):
+            return _made(folder, requests, settings, replace, workers, open_executor, report)
+    except Timeout:
+        raise StoreError(
+            f"{folder}: another process is making these stimuli; wait for it, or stop it"
+        ) from None
+
+
+def _made(
+    folder: Path,
+    requests: Sequence[StimulusRequest],
+    settings: StimulusSettings,
+    replace: bool,
+    workers: int | None,
+    open_executor: Callable[[], Executor] | None,
+    report: Report,
+) -> StimulusSet:
+    """See `make_stimuli`; nobody else is at the folder."""
     liquids = _liquids_of(requests)
     stimuli = _opened(folder, settings, liquids, replace)
     needed: dict[str, StimulusRequest] = {}
@@ -95,7 +118,7 @@ def make_stimuli(
             raise InputError(
                 f"{folder}: made with another version of the solver {settings.solver.name!r}, "
                 "whose films end elsewhere; what is missing can't be made alike. `pourcast "
-                "stimuli` with --replace makes all its stimuli anew"
+                "stimuli` with --replace begins it anew"
             )
         stimuli = _begun(folder, settings, liquids)
         missing = list(needed.values())
@@ -143,20 +166,20 @@ def _opened(
 
 
 def _begun(folder: Path, settings: StimulusSettings, liquids: Sequence[Liquid]) -> StimulusSet:
-    """An empty set with the liquids in its list; nothing of what stood there is used."""
-    _forget_work(folder)
+    """An empty set with the liquids in its list; what stood there goes."""
+    _forget(folder)
     manifest = Manifest(settings=settings, solver_code=settings.solver_code)
     stimuli = StimulusSet(folder, manifest.with_liquids(liquids))
     write_set(stimuli)
     return stimuli
 
 
-def _forget_work(folder: Path) -> None:
-    """Remove what was left unfinished with other settings or code."""
-    for path in sorted((folder / WORK).rglob("*"), reverse=True):
-        if path.is_dir():
-            path.rmdir()
-        else:
+def _forget(folder: Path) -> None:
+    """Remove what was made, or left unfinished, with other settings or code."""
+    for path in folder.glob("*"):
+        if path.name == WORK:
+            shutil.rmtree(path)
+        elif path.suffix in MADE:
             path.unlink()
 
 

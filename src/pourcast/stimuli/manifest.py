@@ -168,7 +168,7 @@ class StimulusSet:
         for difference in filter(None, differences):
             raise InputError(
                 f"{self.folder}: made with other settings ({difference}); `pourcast stimuli` with "
-                "--replace makes all its stimuli anew"
+                "--replace begins it anew"
             )
 
 

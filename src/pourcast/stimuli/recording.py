@@ -1,8 +1,10 @@
 """A recorded pour, for pictures: cells that the liquid fills, drops that fly, moment by moment."""
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +44,8 @@ class RecordedPour:
         Width of a cell [m].
     origin
         Corner of the first cell [m].
-    solid
-        Which cells are solid, shape [nx, ny, nz].
+    room
+        Share of each cell that is not solid, shape [nx, ny, nz].
     outcome
         Share that the goal holds at the end.
     stranded
@@ -53,20 +55,20 @@ class RecordedPour:
     moments: tuple[Moment, ...]
     cell: float
     origin: tuple[float, float, float]
-    solid: NDArray[np.bool_]
+    room: NDArray[np.float32]
     outcome: float
     stranded: float
 
     @property
     def volume(self) -> float:
         """Volume of the liquid at the start [m^3]."""
-        return volume_of(self.moments[0], self.cell)
+        return self.volume_at(0)
 
-
-def volume_of(moment: Moment, cell: float) -> float:
-    """Volume of the liquid [m^3]."""
-    held = float(moment.fill.sum(dtype=np.float64)) / FULL * cell**3
-    return held + float(moment.points[:, 3].sum(dtype=np.float64))
+    def volume_at(self, number: int) -> float:
+        """Volume of the liquid at a moment [m^3]; thick where it is compressed by its weight."""
+        moment = self.moments[number]
+        held = float((moment.fill * self.room).sum(dtype=np.float64)) / FULL * self.cell**3
+        return held + float(moment.points[:, 3].sum(dtype=np.float64))
 
 
 def save_pour(path: Path, pour: RecordedPour) -> None:
@@ -80,15 +82,22 @@ def save_pour(path: Path, pour: RecordedPour) -> None:
             ends=np.cumsum(counts),
             cell=pour.cell,
             origin=pour.origin,
-            solid=pour.solid,
+            room=pour.room,
             outcome=pour.outcome,
             stranded=pour.stranded,
         )
 
 
-def load_pour(path: Path) -> RecordedPour:
-    """Read what `save_pour` kept."""
-    with np.load(path) as file:
+def load_pour(path: Path) -> RecordedPour | None:
+    """Read what `save_pour` kept; None if that isn't there, or damaged."""
+    try:
+        return _read(path)
+    except (OSError, EOFError, ValueError, KeyError, BadZipFile, zlib.error):
+        return None
+
+
+def _read(path: Path) -> RecordedPour:
+    with path.open("rb") as stream, np.load(stream) as file:
         fill, ends = file["fill"], file["ends"]
         points = np.split(file["points"], ends[:-1])
         x, y, z = (float(value) for value in file["origin"])
@@ -96,7 +105,7 @@ def load_pour(path: Path) -> RecordedPour:
             moments=moments_of(fill, points),
             cell=float(file["cell"]),
             origin=(x, y, z),
-            solid=file["solid"],
+            room=file["room"],
             outcome=float(file["outcome"]),
             stranded=float(file["stranded"]),
         )

@@ -133,19 +133,25 @@ def stimulus_settings(
     webm
         Whether films are made as WebM, too.
     options
-        Further settings by name. Those that are None, or that solver and renderer don't have,
-        are left out.
+        Further settings by name; those that are None are left out.
 
     Raises
     ------
     InputError
-        One line that names what is wrong.
+        One line that names what is wrong, also a setting that neither solver nor renderer has.
 
     Examples
     --------
-    >>> stimulus_settings("sph", "preview", size=(80, 120), options={"samples": 4}).renderer
+    >>> stimulus_settings("sph", "preview", size=(80, 120), options={"samples": None}).renderer
     Preview(width=80)
     """
+    members = SOLVERS.get(solver), RENDERERS.get(renderer)
+    for name, value in options.items():
+        if value is not None and not any(name in member.model_fields for member in members):
+            raise InputError(
+                f"{name.replace('_', '-')}: neither the solver {solver!r} nor the renderer "
+                f"{renderer!r} has this setting"
+            )
     given = {**options, **dict(zip(("width", "height"), size, strict=False))}
 
     def known(member: type[Solver | Renderer]) -> dict[str, Any]:
@@ -153,8 +159,8 @@ def stimulus_settings(
         return {name: given[name] for name in names}
 
     content = {
-        "flow": {"solver": solver, **known(SOLVERS.get(solver))},
-        "look": {"renderer": renderer, **known(RENDERERS.get(renderer))},
+        "flow": {"solver": solver, **known(members[0])},
+        "look": {"renderer": renderer, **known(members[1])},
         "seconds": seconds,
         "webm": webm,
     }

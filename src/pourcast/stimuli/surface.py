@@ -86,11 +86,11 @@ def cells_mesh(moment: Moment, pour: RecordedPour) -> Mesh:
     fill = moment.fill.astype(np.float32) / FULL
     if not fill.any():
         return EMPTY
-    outside = np.pad(pour.solid, _MARGIN, constant_values=True)
-    field = _let_in(np.pad(fill, _MARGIN), outside)
+    room = np.pad(pour.room, _MARGIN)
+    field = _let_in(np.pad(fill, _MARGIN), room <= 0.0)
     field = gaussian_filter(field, _BLUR)
     field[[0, -1]] = field[:, [0, -1]] = field[:, :, [0, -1]] = 0.0
-    level = _level(field[~outside], float(fill.sum()))
+    level = _level(field, room, float((fill * pour.room).sum()))
     x, y, z = (start + (0.5 - _MARGIN) * pour.cell for start in pour.origin)
     return _cut(field, level, pour.cell, (x, y, z))
 
@@ -103,13 +103,14 @@ def _let_in(field: NDArray[np.float32], solid: NDArray[np.bool_]) -> NDArray[np.
     return np.where(solid, inside, field).astype(np.float32)
 
 
-def _level(values: NDArray[np.float32], wanted: float) -> float:
-    """Level at which blurred cells hold the wanted volume [cells]."""
+def _level(field: NDArray[np.float32], room: NDArray[np.float32], wanted: float) -> float:
+    """Level at which blurred cells hold the wanted volume [cells] in their room."""
     low, high = _LEVELS
-    values = values[values > 1e-3].astype(np.float64)
+    there = (field > 1e-3) & (room > 0.0)
+    values, rooms = field[there].astype(np.float64), room[there].astype(np.float64)
     for _ in range(12):
         level = 0.5 * (low + high)
-        held = np.clip((values - level) / _EDGE + 0.5, 0.0, 1.0).sum()
+        held = float(np.clip((values - level) / _EDGE + 0.5, 0.0, 1.0) @ rooms)
         low, high = (level, high) if held > wanted else (low, level)
     return 0.5 * (low + high)
 

@@ -21,6 +21,9 @@ from pourcast.sweep.task import OnWork, TaskResult, no_work, told
 WORK = "work"
 """Folder of what is not finished."""
 
+MADE = (".png", ".mp4", ".webm")
+"""Endings of the files of a set."""
+
 
 @dataclass(frozen=True)
 class StimulusTask:
@@ -132,10 +135,9 @@ class StimulusTask:
             told = done
 
         path = self.work / "pour.npz"
-        if path.is_file():
-            kept = load_pour(path)
-            if len(kept.moments) == self.picture_count:
-                return kept
+        kept = load_pour(path)
+        if kept is not None and len(kept.moments) == self.picture_count:
+            return kept
         pour = self.settings.solver.pour(
             self.request.scene,
             self.request.liquid,

@@ -1,6 +1,6 @@
 """A scene as cells: what is solid, across which direction, and where the liquid starts."""
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,11 @@ SUBCELLS = 16
 """Points along each side of a cell by which partly filled ones are measured."""
 _LEAST_ROOM = 0.05
 """Cells with less are solid."""
+_LEAST_WALL = 0.2
+"""Thickness [cells] that thinner walls are given: points would miss some of them."""
+_LEAST_GAP = 0.5
+"""Width [cells] below which a gap between solids is closed: a cell has one velocity, and knows
+nothing of how the sides of such a gap hold liquid back."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +90,13 @@ def voxelise(scene: Scene, resolution: int, layers: int | None = None) -> Voxels
     )
     centres = [origin[axis] + (np.arange(counts[axis]) + 0.5) * cell for axis in range(2)]
     x, y = np.meshgrid(*centres, indexing="ij")
-    cut = cut_cells(_solid_points(scene, x, y, cell))
+    closed = _without_splits(_solid_points(scene, x, y, cell))
+    cut = cut_cells(closed)
     solid = cut.room < _LEAST_ROOM
     depth = counts[2]
     blob = shapely.Point(scene.liquid.centre).buffer(scene.liquid.diameter / 2, quad_segs=64)
-    share = _share(lambda px, py: shapely.contains_xy(blob, px, py), x, y, cell)
-    fill = np.minimum(share / np.maximum(cut.room, _LEAST_ROOM), 1.0)
-    holds = np.vectorize(scene.goal.holds)
+    wet = _points_in([blob], x, y, cell) & ~closed
+    fill = _by_cell(wet).mean(axis=(2, 3)) / np.maximum(cut.room, _LEAST_ROOM)
     return Voxels(
         cell=cell,
         origin=origin,
@@ -100,7 +105,7 @@ def voxelise(scene: Scene, resolution: int, layers: int | None = None) -> Voxels
         normal=_normals(scene, solid, cut.room < 1.0, x, y, depth),
         plane=_planes(solid, depth),
         fill=_through(np.where(solid, 0.0, fill), depth),
-        goal=_share(holds, x, y, cell),
+        goal=_goal_share(scene, ~closed, x, y, cell),
     )
 
 
@@ -111,7 +116,8 @@ def cut_cells(solid: NDArray[np.bool_]) -> CutCells:
     ----------
     solid
         Whether points are in a solid, `SUBCELLS` along each side of each cell, shape
-        [nx * SUBCELLS, ny * SUBCELLS].
+        [nx * SUBCELLS, ny * SUBCELLS]. Of a cell that a wall splits, all but one part counts as
+        solid.
     """
     shape = (solid.shape[0] // SUBCELLS, solid.shape[1] // SUBCELLS)
     solid = _without_splits(solid)
@@ -132,8 +138,7 @@ def _without_splits(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     A cell has one velocity and one mass: through one that a thin wall splits, liquid would seep.
     """
     closed = solid.copy()
-    width, height = solid.shape[0] // SUBCELLS, solid.shape[1] // SUBCELLS
-    cells = closed.reshape(width, SUBCELLS, height, SUBCELLS).swapaxes(1, 2)
+    cells = _by_cell(closed)
     share = cells.mean(axis=(2, 3))
     for i, j in np.argwhere((share > 0.0) & (share < 1.0)):
         parts, count = label(~cells[i, j])
@@ -146,19 +151,77 @@ def _without_splits(solid: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _solid_points(scene: Scene, x: Array, y: Array, cell: float) -> NDArray[np.bool_]:
     """Whether points are in a solid, `SUBCELLS` along each side of each cell."""
-    steps = ((np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5) * cell
-    along = (x[:, 0, None] + steps).ravel()
-    up = (y[0, :, None] + steps).ravel()
-    solid = np.zeros((len(along), len(up)), dtype=bool)
     # As one, or points on an edge that two of them share would let liquid between.
     merged = shapely.union_all([shapely.Polygon(polygon) for polygon in scene.solids])
-    for polygon in shapely.get_parts(merged):
-        left, low, right, high = polygon.bounds
+    tight = shapely.union_all([merged, _thin_walls(merged, cell), *_narrow_gaps(scene, cell)])
+    return _points_in(shapely.get_parts(tight), x, y, cell, (scene.box.width, scene.box.height))
+
+
+def _thin_walls(solid: shapely.Geometry, cell: float) -> shapely.Geometry:
+    """Walls that are thinner than points can tell, as thick as they can."""
+    half = 0.5 * _LEAST_WALL * cell
+    core = shapely.buffer(solid, -half, join_style="mitre")
+    thick = shapely.buffer(core, 1.01 * half, join_style="mitre")
+    return shapely.buffer(shapely.difference(solid, thick), half)
+
+
+def _narrow_gaps(scene: Scene, cell: float) -> list[shapely.Geometry]:
+    """What is so narrow between two solids, or between one and a side of the box."""
+    solids = [shapely.Polygon(polygon) for polygon in scene.solids]
+    box = shapely.box(0.0, 0.0, scene.box.width, scene.box.height)
+    outside = box.buffer(cell, join_style="mitre").difference(box)
+    grown = [one.buffer(0.5 * _LEAST_GAP * cell) for one in (*solids, outside)]
+    first, second = shapely.STRtree(grown).query(grown, predicate="intersects")
+    return [grown[i].intersection(grown[j]) for i, j in zip(first, second, strict=True) if i < j]
+
+
+def _points_in(
+    shapes: Iterable[shapely.Geometry],
+    x: Array,
+    y: Array,
+    cell: float,
+    box: tuple[float, float] | None = None,
+) -> NDArray[np.bool_]:
+    """Which points are in any of some shapes, shape [nx * SUBCELLS, ny * SUBCELLS].
+
+    Of points beyond a box's sides (a grid is wider by parts of a cell) that says what is beside
+    them in the box: shapes that end there go on.
+    """
+    steps = ((np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5) * cell
+    along, up = (x[:, 0, None] + steps).ravel(), (y[0, :, None] + steps).ravel()
+    if box is not None:
+        rim = 1e-6 * cell
+        along, up = (np.clip(p, rim, side - rim) for p, side in zip((along, up), box, strict=True))
+    inside = np.zeros((len(along), len(up)), dtype=bool)
+    for shape in shapes:
+        left, low, right, high = shapely.bounds(shape)
         columns = slice(*np.searchsorted(along, (left, right)))
         rows = slice(*np.searchsorted(up, (low, high)))
         points = np.meshgrid(along[columns], up[rows], indexing="ij")
-        solid[columns, rows] |= shapely.contains_xy(polygon, *points)
-    return solid
+        inside[columns, rows] |= shapely.contains_xy(shape, *points)
+    return inside
+
+
+def _by_cell(points: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Points of each cell, shape [nx, ny, SUBCELLS, SUBCELLS]; a view."""
+    shape = (points.shape[0] // SUBCELLS, SUBCELLS, points.shape[1] // SUBCELLS, SUBCELLS)
+    return points.reshape(shape).swapaxes(1, 2)
+
+
+def _goal_share(
+    scene: Scene, open_points: NDArray[np.bool_], x: Array, y: Array, cell: float
+) -> Array:
+    """Share of each cell's open part that counts towards the judgment."""
+    holds = np.vectorize(scene.goal.holds, otypes=[bool])
+    corners = [holds(x + dx * cell, y + dy * cell) for dx in (-0.5, 0.5) for dy in (-0.5, 0.5)]
+    share: Array = np.mean([holds(x, y), *corners], axis=0)
+    steps = ((np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5) * cell
+    dx, dy = np.meshgrid(steps, steps, indexing="ij")
+    within = _by_cell(open_points)
+    for i, j in np.argwhere((share > 0.0) & (share < 1.0)):
+        if within[i, j].any():
+            share[i, j] = holds(x[i, j] + dx, y[i, j] + dy)[within[i, j]].mean()
+    return share
 
 
 def _passing(open_points: NDArray[np.bool_], dx: int, dy: int) -> NDArray[np.bool_]:
@@ -175,19 +238,6 @@ def _passing(open_points: NDArray[np.bool_], dx: int, dy: int) -> NDArray[np.boo
 def _through(plane: NDArray[Any], depth: int) -> NDArray[Any]:
     """The same plane of cells all through the depth."""
     return np.repeat(plane[:, :, None], depth, axis=2)
-
-
-def _share(inside: Callable[..., Any], x: Array, y: Array, cell: float) -> Array:
-    """Share of each cell for which `inside` holds; those on its edge are measured by points."""
-    corners = [inside(x + dx * cell, y + dy * cell) for dx in (-0.5, 0.5) for dy in (-0.5, 0.5)]
-    share: Array = np.mean([inside(x, y), *corners], axis=0)
-    mixed = (share > 0.0) & (share < 1.0)
-    steps = ((np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5) * cell
-    dx, dy = np.meshgrid(steps, steps)
-    if mixed.any():
-        fine = inside(x[mixed, None] + dx.ravel(), y[mixed, None] + dy.ravel())
-        share[mixed] = fine.mean(axis=1)
-    return share
 
 
 def _planes(solid: NDArray[np.bool_], depth: int) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 from pydantic import Field
-from scipy.ndimage import distance_transform_edt, gaussian_filter, shift
+from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filter, shift
 
 from pourcast.pictures.video import Picture
 from pourcast.scenes.geometry import Polygon
@@ -34,8 +34,10 @@ _BEVEL = 0.012
 _SUPERSAMPLING = 4
 _POINT_CELL = 0.006
 """Cells in which particles are counted [m]."""
-_THIN, _THICK = 0.3, 0.9
-"""Depth at which liquid is first seen, and at which it is seen for good [cells]."""
+_EDGE = 0.25, 0.75
+"""Fill of a cell at which liquid begins to be seen, and from which on it covers all behind."""
+_SHEET = 0.4
+"""Fill of a cell from which on a drop or a sheet thinner than a cell is fully seen."""
 
 
 class Preview(Renderer):
@@ -123,14 +125,15 @@ def _fields(moment: Moment, pour: RecordedPour, scene: Scene) -> tuple[_Field, _
 
 
 def _cells_seen(moment: Moment, pour: RecordedPour) -> tuple[Array, Array]:
-    layers = moment.fill.shape[2]
-    depth = moment.fill.sum(axis=2, dtype=np.float32) / (FULL * layers)
+    """Mean fill through the depth, and how much is covered by the layer that has most."""
+    fill = moment.fill.astype(np.float32) / FULL
     places = [
         np.clip(((moment.points[:, k] - pour.origin[k]) / pour.cell).astype(int), 0, n - 1)
-        for k, n in enumerate(depth.shape)
+        for k, n in enumerate(fill.shape)
     ]
-    np.add.at(depth, tuple(places), moment.points[:, 3] / (pour.cell**3 * layers))
-    return depth, (depth * layers - _THIN) / (_THICK - _THIN)
+    np.add.at(fill, tuple(places), moment.points[:, 3] / pour.cell**3)
+    most = np.minimum(fill.max(axis=2), 1.0)
+    return fill.mean(axis=2), _seen(most, most / _SHEET, 1.0)
 
 
 def _particles_seen(moment: Moment, spacing: float, scene: Scene) -> tuple[Array, Array, float]:
@@ -143,7 +146,31 @@ def _particles_seen(moment: Moment, spacing: float, scene: Scene) -> tuple[Array
     blur = 0.5 * spacing / _POINT_CELL
     # 1 in the middle of a single particle
     peaks = gaussian_filter(counts, blur) * np.float32(2.0 * np.pi * blur**2)
-    return peaks * (spacing / box.depth), (peaks - 0.35) / 0.25, box.width / shape[0]
+    # In bulk, a particle for each spacing in all three directions; its edge is where half is.
+    bulk = 2.0 * np.pi * 0.5**2 * max(1.0, box.depth / spacing)
+    seen = _seen(np.minimum(peaks / bulk, 1.0), (peaks - 0.35) / 0.25, spacing / _POINT_CELL)
+    return peaks * (spacing / box.depth), seen, box.width / shape[0]
+
+
+def _seen(fill: Array, thin: Array, width: float) -> Array:
+    """How well liquid is seen: near bulk by where it is half full, elsewhere as what is thin.
+
+    Parameters
+    ----------
+    fill
+        Share of what bulk has, shape [nx, ny].
+    thin
+        How well sheets and drops are seen, which have less; of the same shape.
+    width
+        How near bulk is [cells].
+    """
+    near = maximum_filter(fill, 2 * round(1.5 * width) + 1)
+    # Blurred, or bulk would end in a line.
+    near = np.minimum(near, gaussian_filter(near, 0.5 * width) + 0.3)
+    bulk = np.clip((near - 0.3) / 0.4, 0.0, 1.0)
+    covered = (fill - _EDGE[0]) / (_EDGE[1] - _EDGE[0])
+    seen: Array = np.clip(covered, 0.0, 1.0) * bulk + np.clip(thin, 0.0, 1.0) * (1.0 - bulk)
+    return seen.astype(np.float32)
 
 
 def _stretched(field: _Field, scene: Scene, size: tuple[int, int]) -> Array:

@@ -67,7 +67,7 @@ class LatticeBoltzmann(Solver):
             report("pouring", k + 1, count)
         outcome, stranded = shares(flow, voxels, scene)
         pour = RecordedPour(
-            tuple(moments), voxels.cell, voxels.origin, voxels.solid, outcome, stranded
+            tuple(moments), voxels.cell, voxels.origin, _room(voxels), outcome, stranded
         )
         return pour if self.layers is None else mirrored_through(pour, scene.box.depth)
 
@@ -134,7 +134,7 @@ def shares(flow: LatticeFlow, voxels: Voxels, scene: Scene) -> tuple[float, floa
     total = mass.sum() + volumes.sum()
     inside = (mass.sum(axis=2) * voxels.goal).sum() + volumes @ held
     above = mass[:, heights > scene.goal.rim].sum() + volumes[y > scene.goal.rim].sum()
-    return float(inside / total), float(above / total)
+    return min(1.0, float(inside / total)), min(1.0, float(above / total))
 
 
 def mirrored_through(pour: RecordedPour, depth: float) -> RecordedPour:
@@ -147,7 +147,7 @@ def mirrored_through(pour: RecordedPour, depth: float) -> RecordedPour:
     depth
         Of the box [m].
     """
-    layers = pour.solid.shape[2]
+    layers = pour.room.shape[2]
     count = max(layers, round(depth / pour.cell))
     period = np.concatenate([np.arange(layers), np.arange(layers)[::-1]])
     shown = np.resize(period, count)
@@ -167,7 +167,7 @@ def mirrored_through(pour: RecordedPour, depth: float) -> RecordedPour:
         pour,
         moments=tuple(through(moment) for moment in pour.moments),
         origin=(*pour.origin[:2], start),
-        solid=pour.solid[:, :, shown],
+        room=pour.room[:, :, shown],
     )
 
 
@@ -176,6 +176,11 @@ def _placed(drops: NDArray[np.float64], flow: LatticeFlow, voxels: Voxels) -> ND
     places: NDArray[np.float64] = drops[:3] / flow.cell * voxels.cell
     places += np.array(voxels.origin)[:, None]
     return places
+
+
+def _room(voxels: Voxels) -> NDArray[np.float32]:
+    room: NDArray[np.float32] = np.where(voxels.solid, 0.0, voxels.cut.room[:, :, None])
+    return room.astype(np.float32)
 
 
 def _moment(flow: LatticeFlow, voxels: Voxels) -> Moment:

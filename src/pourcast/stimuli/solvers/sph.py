@@ -52,7 +52,7 @@ class ParticleEngine(Solver):
             moments=tuple(moments),
             cell=truth.spacing,
             origin=(0.0, 0.0, 0.0),
-            solid=no_cells.astype(bool),
+            room=no_cells.astype(np.float32),
             outcome=end.judgment,
             stranded=end.stranded,
         )
