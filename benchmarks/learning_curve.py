@@ -30,8 +30,9 @@ from pourcast.networks.training.data import drawn_scenes, truth_labels
 from pourcast.networks.training.pair import QUICK, NetworkRequest, default_recipe, train_networks
 from pourcast.pictures.style import BLUE, GREY, ORANGE, PAGE, RC, new_figure, save_figure
 from pourcast.progress import Report
-from pourcast.statistics.bootstrap import draw_counts, interval
 from pourcast.statistics.correlation import pearson
+from pourcast.statistics.differences import compare_pairs
+from pourcast.statistics.jackknife import LEVEL, fisher_z, jackknife
 from pourcast.study.experiments.registry import EXPERIMENTS
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -39,8 +40,6 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 COUNTS = (500, 2000, 10_000)
 HELD_OUT = 480
 """Four times the paper's 120 scenes: intervals are half as wide."""
-
-RESAMPLES = 10_000
 
 NETWORKS: dict[str, dict[str, Any]] = {
     "lite0": {"backbone": "efficientnet-lite0"},
@@ -156,15 +155,10 @@ def judgments(card: Card) -> Array:
 
 
 def with_interval(one: Array, other: Array) -> str:
-    """Pearson's r, and its 95 % interval over scenes by the bootstrap."""
-    low, high = interval(resampled(one, other[None])[:, 0], 0.95)
-    return f"{float(pearson(one, other[None])[0]):.2f} [{float(low):.2f}, {float(high):.2f}]"
-
-
-def resampled(truth: Array, judgments: Array) -> Array:
-    """Networks' r in each resample of the scenes, which are the same ones for all networks."""
-    counts = draw_counts(len(truth), RESAMPLES, np.random.default_rng(0))
-    return pearson(np.broadcast_to(truth, counts.shape), judgments, counts)
+    """Pearson's r, and its 95 % interval over scenes."""
+    found = jackknife(one[None], lambda m, w: fisher_z(pearson(m, other[None], w)), "scenes")
+    low, high = (float(np.tanh(end[0])) for end in found.interval(LEVEL))
+    return f"{float(pearson(one, other[None])[0]):.2f} [{low:.2f}, {high:.2f}]"
 
 
 def main_table(found: pd.DataFrame) -> list[str]:
@@ -202,10 +196,9 @@ def help_table(found: pd.DataFrame) -> list[str]:
 
 def gain(truth: Array, one: Array, other: Array) -> str:
     """Difference of two networks' r with the truth on the same scenes, with its interval."""
-    both = np.stack([one, other])
-    here, there = pearson(truth, both)
-    low, high = interval(np.subtract(*resampled(truth, both).T), 0.95)
-    return f"{float(here - there):+.2f} [{float(low):+.2f}, {float(high):+.2f}]"
+    pair = compare_pairs(truth[None], np.stack([one, other]), "scenes", LEVEL)
+    low, high = float(pair.low[0]), float(pair.high[0])
+    return f"{float(pair.difference[0]):+.2f} [{low:+.2f}, {high:+.2f}]"
 
 
 def draw(found: pd.DataFrame, path: Path) -> None:

@@ -13,7 +13,7 @@ from pourcast.comparison.choice import (
 from pourcast.models.registry import make_model
 from tests.comparison.make import made_up, people_like
 
-SETTINGS = Settings(resamples=500)
+SETTINGS = Settings()
 
 
 @pytest.fixture(scope="module")

@@ -116,7 +116,7 @@ def test_models_and_power():
     assert table.to_numpy() == pytest.approx(np.eye(2))
     told = []
     power = power_table(
-        models, observers=[3, 6], scenes=[10, 40], studies=4, resampled="both", level=0.95,
+        models, observers=[3, 6], scenes=[10, 40], studies=4, over="both", level=0.95,
         report=lambda *progress: told.append(progress), **COMMON,
     )  # fmt: skip
     assert list(zip(power["observers"], power["scenes"], strict=True)) == [
@@ -165,7 +165,7 @@ def test_models_of_a_study_are_judged_and_told_apart(folder, monkeypatch):
 
 
 def test_power_of_a_study(folder, monkeypatch):
-    rest = {"studies": 2, "resampled": "both", "level": 0.9, **COMMON}
+    rest = {"studies": 2, "over": "both", "level": 0.9, **COMMON}
     two = ["gravity", "water-simple"]
     found = study_power(folder, "water", two, **rest)
     assert found.title == "gravity in people's heads, told from water-simple"

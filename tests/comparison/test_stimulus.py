@@ -20,7 +20,7 @@ from tests.report.conftest import study
 __all__ = ["study"]
 
 LATTICE = StimulusSettings(solver=LatticeBoltzmann(), renderer=Preview())
-QUICK = Settings(resamples=200)
+QUICK = Settings()
 
 
 @pytest.fixture

@@ -157,9 +157,7 @@ def test_a_comparison_calls_networks_by_their_presets(tmp_path, capsys):
     run(capsys, "new", "exp1", study, "--scenes", 6, "--practice", 0)
     run(capsys, "experiment", "simulate", study, "--observers", 4)
     spec = f"water-convnet:weights={written(tmp_path)}"
-    found = json.loads(
-        run(capsys, "compare", study, "-m", spec, "-m", "gravity", "--resamples", 100, "--json")
-    )
+    found = json.loads(run(capsys, "compare", study, "-m", spec, "-m", "gravity", "--json"))
     assert {row["model"] for row in found["tables"]["agreement"]} == {"water-convnet", "gravity"}
     assert "water-convnet: convnet-small, first weights random, 0 scenes" in found["remarks"]
 

@@ -28,4 +28,4 @@ def study(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def comparison(study):
-    return compare_study(study, ComparisonOptions(models=CHEAP, settings=Settings(resamples=500)))
+    return compare_study(study, ComparisonOptions(models=CHEAP, settings=Settings()))

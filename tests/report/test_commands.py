@@ -41,13 +41,11 @@ def test_simulate_writes_the_same_bytes_for_the_same_seed(study, tmp_path, capsy
 
 def test_compare_prints_and_writes_tables(study, tmp_path, capsys):
     out = tmp_path / "tables"
-    assert (
-        call("compare", study, *MODELS, "--resamples", 500, "--exclude", "max-rt=9", "-o", out) == 0
-    )
+    assert call("compare", study, *MODELS, "--exclude", "max-rt=9", "-o", out) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("SIMULATED observers")
     assert "excluded by max-rt=9: " in printed
-    assert "intervals resample participants" in printed
+    assert "over participants and scenes" in printed
     assert "Not told from the chosen values:" in printed
     table = pd.read_csv(out / "agreement.csv")
     assert set(table["model"]) == set(CHEAP)
@@ -63,26 +61,24 @@ def test_compare_as_json(study, capsys):
             "gravity",
             "-m",
             "water-simple",
-            "--resamples",
-            200,
-            "--resample",
-            "both",
+            "--over",
+            "participants",
             "--json",
         )
         == 0
     )
     found = json.loads(capsys.readouterr().out)
     assert found["simulated"] is True
-    assert {row["resampled"] for row in found["tables"]["agreement"]} == {"both"}
+    assert {row["over"] for row in found["tables"]["agreement"]} == {"participants"}
 
 
 def test_carried_parameters(study, tmp_path, capsys):
     other = tmp_path / "other"
     tables = other / "report" / "tables"
-    assert call("compare", study, "-m", "gravity", "--resamples", 200, "-o", tables) == 0
+    assert call("compare", study, "-m", "gravity", "-o", tables) == 0
     choice = pd.read_csv(tables / "choice.csv")
     choice[choice["model"].str.endswith("simple")].to_csv(tables / "choice.csv", index=False)
-    assert call("compare", study, "-m", "gravity", "--resamples", 200, "--carry-from", other) == 0
+    assert call("compare", study, "-m", "gravity", "--carry-from", other) == 0
     assert "carried over unchanged" in capsys.readouterr().out
 
 
@@ -131,7 +127,7 @@ def test_recover_and_power(study, tmp_path, capsys):
 def test_a_study_without_a_sweep_is_compared_all_the_same(study, tmp_path, capsys):
     bare = tmp_path / "bare"
     shutil.copytree(study, bare, ignore=shutil.ignore_patterns("judgments", "sweep"))
-    assert call("compare", bare, "-m", "gravity", "-m", "water-simple", "--resamples", 200) == 0
+    assert call("compare", bare, "-m", "gravity", "-m", "water-simple") == 0
     printed = capsys.readouterr().out
     assert "no parameters were chosen: no grid was swept" in printed
     assert call("recover", "parameters", bare) == 2

@@ -79,7 +79,7 @@ def test_methods_and_provenance(page, comparison):
     text = page.read_text()
     assert "6 participants judged 10 scenes of water" in text
     assert "No participants or trials were excluded." in text
-    assert "500 bootstrap resamples of participants" in text
+    assert "intervals over participants and scenes" in text
     assert comparison.source[1] in text
     assert "scenes.json" in text
 

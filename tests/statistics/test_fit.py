@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pourcast.statistics.bootstrap import random_halves
 from pourcast.statistics.fit import flat, profile, tied
+from pourcast.statistics.halves import random_halves
+from pourcast.statistics.jackknife import Estimate
 from pourcast.statistics.variance import unpaired_t, window_variance
 
 
@@ -19,12 +20,12 @@ def test_ties_are_found():
 
 
 def test_flat_optimum():
-    rng = np.random.default_rng(0)
-    best = rng.normal(0.9, 0.01, 1000)
-    drawn = np.stack(
-        [best, best - 0.05 + rng.normal(0, 0.01, 1000), best + rng.normal(0, 0.01, 1000)], axis=1
+    shortfall = Estimate(
+        np.array([0.0, 0.05, 0.01, 0.05]),
+        np.array([0.0, 1e-4, 1e-4, np.nan]),
+        np.full(4, 30.0),
     )
-    assert flat(drawn, 0, 0.95).tolist() == [True, False, True]
+    assert flat(shortfall, 0.95).tolist() == [True, False, True, True]
 
 
 def test_halves_are_halves():
@@ -37,9 +38,10 @@ def test_halves_are_halves():
 def test_variance_over_the_window():
     rng = np.random.default_rng(0)
     judgments = rng.normal(0.5, 0.1, (9, 200))
-    found = window_variance(judgments, rng, 0.95)
+    found = window_variance(judgments, 0.95)
     assert found.mean == pytest.approx(np.var(judgments, axis=0, ddof=1).mean())
     assert found.low < 0.01 < found.high
+    assert np.isnan(window_variance(judgments[:, :3], 0.95).low)
     t, df, p = unpaired_t(found.per_scene, found.per_scene * 2)
     theirs = stats.ttest_ind(found.per_scene, found.per_scene * 2)
     assert (t, df, p) == pytest.approx((theirs.statistic, 398, theirs.pvalue))

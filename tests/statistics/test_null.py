@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pourcast.statistics.null import against_null, fit_beta, individual_correlations
+from pourcast.statistics.null import (
+    against_null,
+    fit_beta,
+    individual_correlations,
+    mean_z,
+)
 
 
 def test_beta_is_recovered():
@@ -15,10 +20,53 @@ def test_zeros_and_ones_are_taken():
     assert a == pytest.approx(b)
 
 
-@pytest.mark.parametrize("values", [[0.5, 0.5], [0.0, 1.0]])
-def test_no_beta_distribution(values):
-    with pytest.raises(ValueError, match="no beta"):
-        fit_beta(np.array(values))
+def test_answers_that_are_all_0_or_1_have_a_limit_of_beta_and_equal_ones_none():
+    assert fit_beta(np.array([0.0, 1.0, 1.0])) == (0.0, 0.0)
+    with pytest.raises(ValueError, match="all answers are the same"):
+        fit_beta(np.array([0.5, 0.5]))
+    rng = np.random.default_rng(0)
+    truth = rng.random(30)
+    yes_or_no = (truth + 0.3 * rng.standard_normal((12, 30)) > 0.5).astype(float)
+    found = against_null(yes_or_no, truth, rng, 2000)
+    assert set(np.unique(np.round(found.null, 9))).isdisjoint({np.inf})
+    assert (found.p < 0.05).mean() > 0.8
+    assert found.permutation_p < 0.01
+
+
+def test_chance_answers_the_scenes_that_a_participant_answered():
+    rng = np.random.default_rng(3)
+    truth, responses = rng.random(40), rng.random((3, 40))
+    responses[1, 8:] = np.nan
+    responses[2, 1:] = np.nan
+    found = against_null(responses, truth, rng, 4000)
+    spread = np.nanstd(found.null[:, :2], axis=0)
+    assert spread == pytest.approx([1 / np.sqrt(39), 1 / np.sqrt(7)], rel=0.1)
+    assert np.isnan(found.null[:, 2]).all()
+    assert np.isnan(found.p[2])
+
+
+def test_permuting_scenes_as_a_loop_says():
+    rng = np.random.default_rng(4)
+    truth, responses = rng.random(9), rng.random((4, 9))
+    responses[2, :3] = np.nan
+    found = mean_z(responses, np.stack([truth, truth[::-1]]))
+    for number, one in enumerate((truth, truth[::-1])):
+        r = [np.corrcoef(row[np.isfinite(row)], one[np.isfinite(row)])[0, 1] for row in responses]
+        assert found[number] == pytest.approx(np.arctanh(r).mean())
+
+
+def test_what_all_share_is_no_sign_of_the_truth():
+    # 60 people who all judge by one heuristic: the paper's test rejects, permuting scenes doesn't.
+    rejected, permuted = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        truth, heuristic = rng.random((2, 20))
+        people = np.clip(heuristic + 0.15 * rng.standard_normal((60, 20)), 0, 1)
+        found = against_null(people, truth, rng, 500)
+        rejected.append(found.ks_p < 0.05)
+        permuted.append(found.permutation_p < 0.05)
+    assert np.mean(rejected) > 0.5
+    assert np.mean(permuted) < 0.2
 
 
 def test_correlations_of_single_participants_as_scipy_says():

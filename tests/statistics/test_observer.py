@@ -86,7 +86,6 @@ def test_models_that_differ_are_told_apart_and_equal_ones_are_not():
         "studies": 40,
         "population": Population(),
         "rng": rng,
-        "resamples": 300,
     }
     far = power_of(models[0], models[1], **common)
     assert far.power == 1.0
@@ -109,7 +108,6 @@ def test_power_grows_with_participants():
             studies=60,
             population=Population(),
             rng=rng,
-            resamples=300,
         ).power
         for n in (3, 60)
     ]
@@ -119,7 +117,7 @@ def test_power_grows_with_participants():
 def test_a_model_that_says_the_same_of_all_scenes_is_told_from_none():
     found = power_of(
         np.array([0.2, 0.5, 0.8]), np.full(3, 0.5), observers=4, scenes=3, studies=3,
-        population=Population(), rng=np.random.default_rng(0), resampled="both", resamples=100,
+        population=Population(), rng=np.random.default_rng(0), over="both",
         level=0.95,
     )  # fmt: skip
     assert found.power == 0.0

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pourcast.statistics.bootstrap import draw_counts
 from pourcast.statistics.reliability import (
+    ceiling,
     explained_share,
     reliability,
     spearman_brown,
@@ -25,20 +25,27 @@ def test_known_reliability_is_found(people, noise):
     known = 1.0 / (1.0 + noise**2 / people)
     assert reliability(responses) == pytest.approx(known, abs=0.02)
     halves = split_half(responses, np.random.default_rng(0), 50)
+    half = halves.mean_correlations(np.ones((1, 4000)))[0]
     if people % 2 == 0:
         known_half = 1.0 / (1.0 + noise**2 / (people // 2))
-        assert halves.correlations().mean() == pytest.approx(known_half, abs=0.02)
-        assert spearman_brown(halves.correlations().mean()) == pytest.approx(known, abs=0.02)
+        assert half == pytest.approx(known_half, abs=0.02)
+        assert spearman_brown(half) == pytest.approx(known, abs=0.02)
 
 
-def test_intervals_over_scenes_cover_the_reliability():
-    covered, known = 0, 1.0 / (1.0 + 1.5**2 / 12)
-    for seed in range(100):
-        _, responses = noisy_study(seed, 12, 100, 1.0, 1.5)
-        counts = draw_counts(100, 500, np.random.default_rng(seed))
-        low, high = np.percentile(reliability(responses, counts), [2.5, 97.5])
-        covered += low <= known <= high
-    assert covered >= 87  # 95 expected; 87 is 3.7 standard errors below, and bootstraps are narrow
+def test_it_is_cronbachs_alpha_where_all_answered():
+    _, responses = noisy_study(5, 8, 40, 1.0, 1.5)
+    items = responses.var(axis=1, ddof=1).sum()
+    whole = responses.sum(axis=0).var(ddof=1)
+    assert reliability(responses) == pytest.approx(8 / 7 * (1 - items / whole))
+
+
+def test_peoples_levels_are_no_noise_where_all_answered_and_are_where_not():
+    _, responses = noisy_study(6, 10, 60, 1.0, 1.0)
+    moved = responses + np.linspace(-3, 3, 10)[:, None]
+    assert reliability(moved) == pytest.approx(reliability(responses))
+    missing = np.random.default_rng(0).random(moved.shape) < 0.5
+    moved[missing] = responses[missing] = np.nan
+    assert reliability(moved) < reliability(responses) - 0.1
 
 
 @settings(max_examples=30, deadline=None)
@@ -55,9 +62,8 @@ def test_every_split_has_two_halves(people, seed):
 def test_missing_answers_are_left_out():
     _, responses = noisy_study(2, 12, 60, 1.0, 0.5)
     responses[3, 7] = responses[5, :10] = np.nan
-    found = split_half(responses, np.random.default_rng(0), 100).correlations()
-    assert np.isfinite(found).all()
-    assert found.mean() > 0.85
+    halves = split_half(responses, np.random.default_rng(0), 100)
+    assert halves.mean_correlations(np.ones((1, 60)))[0] > 0.85
     assert 0.9 < reliability(responses) < 1.0
 
 
@@ -66,7 +72,7 @@ def test_too_few_participants_for_a_split():
         split_half(np.zeros((3, 5)), np.random.default_rng(0))
 
 
-def test_resampled_mean_correlations_agree_with_plain_ones():
+def test_mean_correlations_agree_with_plain_ones():
     _, responses = noisy_study(3, 10, 40, 1.0, 1.0)
     halves = split_half(responses, np.random.default_rng(0), 30)
     once = halves.mean_correlations(np.ones((1, 40)))
@@ -85,6 +91,15 @@ def test_pure_noise_has_no_reliability():
     responses = np.random.default_rng(0).random((5, 6))
     responses -= responses.mean(axis=0)
     assert np.isnan(reliability(responses))
+    assert np.isnan(explained_share(responses, responses[:1])[0])
+
+
+def test_less_than_no_signal_is_below_0_and_its_ceiling_is_0():
+    rng = np.random.default_rng(1)
+    shares = np.array([reliability(rng.standard_normal((5, 12))) for _ in range(40)])
+    assert shares.min() < 0.0 < shares.max()
+    assert ceiling(shares)[shares < 0.0].max() == 0.0
+    assert np.isnan(spearman_brown(np.array([-0.99, -0.2, 0.0]))).all()
 
 
 def test_one_participant_tells_nothing_of_noise():
@@ -93,7 +108,7 @@ def test_one_participant_tells_nothing_of_noise():
     assert np.isnan(reliability(one, np.ones((3, 6)))).all()
 
 
-def test_resamples_without_any_spread_are_no_number_and_warn_of_nothing():
+def test_scenes_without_any_spread_are_no_number_and_warn_of_nothing():
     responses = np.array([[0.1, 0.5, 0.9], [0.2, 0.4, 0.7], [0.0, 0.6, 0.8]])
     counts = np.array([[3, 0, 0], [0, 0, 3], [1, 1, 1]])
     shares = reliability(responses, counts)

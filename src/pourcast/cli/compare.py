@@ -9,8 +9,8 @@ from pourcast.cli.app import app
 from pourcast.cli.options import (
     JsonOption,
     ModelOption,
-    Resampled,
-    ResampleOption,
+    Over,
+    OverOption,
     SeedOption,
     StudyArgument,
     WorkersOption,
@@ -42,7 +42,6 @@ ExcludeOption = Annotated[
         "participant=NAME, repeats=first; several, in their order.",
     ),
 ]  # fmt: skip
-ResamplesOption = Annotated[int, typer.Option(min=100, max=1_000_000, help="Bootstrap resamples.")]
 CarryOption = Annotated[
     Path | None,
     typer.Option("--carry-from", metavar="STUDY", help="Carry over the parameters chosen there."),
@@ -58,8 +57,7 @@ def _options(
     model: list[str] | None,
     percent: bool,
     exclude: list[str] | None,
-    resample: Resampled,
-    resamples: int,
+    over: Over,
     seed: int,
     carry_from: Path | None,
     bayes: bool,
@@ -73,7 +71,7 @@ def _options(
         models=tuple(model or ()),
         percent=percent,
         exclude=tuple(exclude or ()),
-        settings=Settings(resample.value, resamples, seed=seed),
+        settings=Settings(over.value, seed=seed),
         carried=None if carry_from is None else read_choice(carry_from),
         bayes=bayes,
     )
@@ -86,8 +84,7 @@ def compare(
     model: ModelOption = None,
     percent: PercentOption = False,
     exclude: ExcludeOption = None,
-    resample: ResampleOption = Resampled.PARTICIPANTS,
-    resamples: ResamplesOption = 10_000,
+    over: OverOption = Over.BOTH,
     carry_from: CarryOption = None,
     bayes: BayesOption = False,
     out: Annotated[
@@ -108,9 +105,7 @@ def compare(
 
     if out is not None:
         check_writable(out / "agreement.csv")
-    options = _options(
-        responses, model, percent, exclude, resample, resamples, seed, carry_from, bayes
-    )
+    options = _options(responses, model, percent, exclude, over, seed, carry_from, bayes)
     with progress_bar() as report:
         found = compare_study(study, options, report)
     tables = found.marked_tables()
@@ -128,7 +123,7 @@ def compare(
 
 _PRINTED = {
     "reliability": ("liquid", "participants", "scenes", "split_half", "spearman_brown", "ceiling"),
-    "chance": ("liquid", "mean_r", "beat_chance", "participants", "ks_D", "ks_p"),
+    "chance": ("liquid", "mean_r", "beat_chance", "participants", "permutation_p", "ks_p"),
     "agreement": ("model", "r", "rmse", "bias"),
     "differences": ("model", "rival", "difference", "p_holm"),
     "choice": ("model", "n_particles", "viscosity_alpha", "damping_zeta", "g", "m", "r", "r_paper"),
@@ -146,6 +141,7 @@ _MOST_ROWS = 12
 
 def _print_comparison(found: "Comparison") -> None:
     from pourcast.comparison.compare import TABLES
+    from pourcast.statistics.jackknife import over_words
 
     if found.simulated:
         typer.echo("SIMULATED observers: this says nothing about people.\n")
@@ -158,7 +154,7 @@ def _print_comparison(found: "Comparison") -> None:
         if name not in found.tables:
             continue
         table = found.tables[name]
-        said = f"; intervals resample {table['resampled'].iloc[0]}" if "resampled" in table else ""
+        said = f"; over {over_words(table['over'].iloc[0])}" if "over" in table else ""
         typer.echo(f"\n{TABLES[name]}{said}")
         if "liquid" not in table or "liquid" in columns or name in ("choice", "cross_validation"):
             _print_columns(table, columns)
@@ -199,8 +195,7 @@ def report(
     model: ModelOption = None,
     percent: PercentOption = False,
     exclude: ExcludeOption = None,
-    resample: ResampleOption = Resampled.PARTICIPANTS,
-    resamples: ResamplesOption = 10_000,
+    over: OverOption = Over.BOTH,
     carry_from: CarryOption = None,
     bayes: BayesOption = False,
     films: Annotated[int, typer.Option(min=0, help="Scenes in the gallery.")] = 4,
@@ -222,9 +217,7 @@ def report(
     from pourcast.study.folder import study_scenes
 
     folder = out or study / "report"
-    options = _options(
-        responses, model, percent, exclude, resample, resamples, seed, carry_from, bayes
-    )
+    options = _options(responses, model, percent, exclude, over, seed, carry_from, bayes)
     study_scenes(study)
     check_writable(folder / "report.html")
     with progress_bar() as bar:

@@ -9,8 +9,8 @@ import typer
 from pourcast.errors import InputError
 
 
-class Resampled(StrEnum):
-    """What is drawn again for intervals."""
+class Over(StrEnum):
+    """What conclusions hold over."""
 
     PARTICIPANTS = "participants"
     SCENES = "scenes"
@@ -60,8 +60,12 @@ SeedOption = Annotated[int, typer.Option(min=0, help="Source of all randomness."
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 WorkersOption = Annotated[int | None, typer.Option(min=1, help="Processes [all cores].")]
 StudyArgument = Annotated[Path, typer.Argument(metavar="STUDY", help="A study folder.")]
-ResampleOption = Annotated[
-    Resampled, typer.Option(help="What the intervals' bootstrap draws again.")
+OverOption = Annotated[
+    Over,
+    typer.Option(
+        help="What intervals and tests hold over: other participants with these scenes (as in the "
+        "paper), other scenes with these participants, or both."
+    ),
 ]
 ExecutorOption = Annotated[ExecutorName, typer.Option(help="Where to work.")]
 SchedulerOption = Annotated[

@@ -19,8 +19,8 @@ from pourcast.cli.options import (
     JsonOption,
     LiquidOption,
     ModelOption,
-    Resampled,
-    ResampleOption,
+    Over,
+    OverOption,
     SeedOption,
     StudyArgument,
 )
@@ -124,7 +124,7 @@ def power(
         list[int] | None, typer.Option("-n", "--scenes", min=3, help="Scenes; several [all].")
     ] = None,
     studies: StudiesOption = 100,
-    resample: ResampleOption = Resampled.BOTH,
+    over: OverOption = Over.BOTH,
     level: Annotated[float, typer.Option(min=0.5, max=0.999, help="Of the intervals.")] = 0.95,
     liquid: LiquidOption = "water",
     bias: BiasOption = None,
@@ -144,6 +144,7 @@ def power(
     """
     from pourcast.comparison.recovery import study_power
     from pourcast.report.figures import design as figures
+    from pourcast.statistics.jackknife import over_words
 
     with progress_bar() as bar:
         title, table = study_power(
@@ -152,14 +153,16 @@ def power(
             population=population_of(
                 bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
             ),
-            resampled=resample.value, level=level, seed=seed, report=bar,
+            over=over.value, level=level, seed=seed, report=bar,
         )  # fmt: skip
     if out is not None:
         _write(out, "power", table, figures.power(table, title))
     if as_json:
         print_json(records(table))
         return
-    typer.echo(f"{title}: {resample.value} resampled, {studies} simulated studies each")
+    typer.echo(
+        f"{title}: differences over {over_words(over.value)}, {studies} simulated studies each"
+    )
     print_table(table.set_index("observers"))
     if out is not None:
         typer.echo(f"{out}: table and figure")

@@ -1,7 +1,8 @@
 """Models against people: agreement, differences between models, reliability, chance."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -10,20 +11,24 @@ from statsmodels.stats.multitest import multipletests
 
 from pourcast.comparison import stimulus
 from pourcast.scenes.liquids.registry import called
-from pourcast.statistics.bootstrap import (
-    LEVEL,
-    RESAMPLES,
-    Resampled,
-    draw_counts,
-    interval,
-    resample,
-    tails,
-    two_sided_p,
-)
 from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments
+from pourcast.statistics.differences import compare_pairs
+from pourcast.statistics.jackknife import (
+    LEVEL,
+    SCALES,
+    SHARE,
+    Estimate,
+    Over,
+    fisher_z,
+    jackknife,
+    scaled,
+    unknowable,
+)
 from pourcast.statistics.null import AgainstNull, against_null
 from pourcast.statistics.reliability import (
     FEWEST_PARTICIPANTS,
+    ceiling,
+    explained_interval,
     explained_share,
     reliability,
     spearman_brown,
@@ -36,8 +41,6 @@ Array = NDArray[np.float64]
 FEWEST_SCENES = 3
 """With fewer scenes a correlation says nothing."""
 
-_RELIABILITY_SCENE_RESAMPLES = 2000
-
 
 @dataclass(frozen=True)
 class Settings:
@@ -45,18 +48,15 @@ class Settings:
 
     Parameters
     ----------
-    resampled
-        What is drawn again.
-    resamples
-        How many times.
+    over
+        What conclusions hold over.
     level
         Of the intervals.
     seed
-        Source of all randomness.
+        Source of all randomness: random halves, and chance participants.
     """
 
-    resampled: Resampled = "participants"
-    resamples: int = RESAMPLES
+    over: Over = "both"
     level: float = LEVEL
     seed: int = 0
 
@@ -99,20 +99,6 @@ class PeopleAndModels:
         return np.stack(list(self.models.values()))
 
 
-_STREAMS: dict[Resampled, int] = {"participants": 0, "scenes": 1, "both": 2}
-
-
-def _drawn(
-    compared: PeopleAndModels, settings: Settings, resampled: Resampled
-) -> tuple[Array, Array]:
-    """Resamples of the people's means; the same for every table, so that all are paired."""
-    drawn = resample(
-        compared.trials.responses, resampled, settings.rng(1, _STREAMS[resampled]),
-        settings.resamples,
-    )  # fmt: skip
-    return drawn.means, drawn.weights
-
-
 def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
     """Agreement of each model with people's mean judgments.
 
@@ -120,26 +106,24 @@ def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFra
     -------
     DataFrame
         A row a model: `liquid`, `model`, then `r`, `rmse`, `bias`, `slope`, each with `_low` and
-        `_high`; `resampled`; `explained` (share of the explainable variance), whose interval
-        is always over scenes; and `r_truth_water`, `r_truth_honey`, `r_truth_stimulus`,
-        correlations with the ground truths, if they are among the models.
+        `_high`; `over` (what these hold over); `explained` (share of the explainable variance),
+        whose interval is always over scenes; and `r_truth_water`, `r_truth_honey`,
+        `r_truth_stimulus`, correlations with the ground truths, if they are among the models.
     """
-    judgments, names = compared.judgments, compared.names
-    people = mean_judgments(compared.trials.responses)
-    observed = agreement(people, judgments)
-    means, weights = _drawn(compared, settings, settings.resampled)
-    drawn = agreement(means, judgments, weights)
-    table = pd.DataFrame({"liquid": compared.trials.liquid, "model": names})
-    for measure in MEASURES:
+    judgments, responses = compared.judgments, compared.trials.responses
+    observed = agreement(mean_judgments(responses), judgments)
+    found = jackknife(responses, lambda m, w: scaled(agreement(m, judgments, w)), settings.over)
+    table = pd.DataFrame({"liquid": compared.trials.liquid, "model": compared.names})
+    for number, measure in enumerate(MEASURES):
+        own = found[number * len(judgments) : (number + 1) * len(judgments)]
         table[measure] = getattr(observed, measure)
-        low, high = interval(getattr(drawn, measure), settings.level)
-        table[f"{measure}_low"], table[f"{measure}_high"] = low, high
-    table["resampled"] = settings.resampled
-    counts = draw_counts(judgments.shape[1], _RELIABILITY_SCENE_RESAMPLES, settings.rng(2))
-    responses = compared.trials.responses
+        low, high = own.interval(settings.level)
+        table[f"{measure}_low"] = SCALES[measure].back(low)
+        table[f"{measure}_high"] = SCALES[measure].back(high)
+    table["over"] = settings.over
     table["explained"] = explained_share(responses, judgments)
-    low, high = _nan_interval(explained_share(responses, judgments, counts), settings.level)
-    table["explained_low"], table["explained_high"] = low, high
+    ends = explained_interval(responses, judgments, settings.level)
+    table["explained_low"], table["explained_high"] = ends
     for truth in ("truth-water", "truth-honey", stimulus.NAME):
         if truth in compared.models:
             column = f"r_{truth.replace('-', '_')}"
@@ -147,12 +131,9 @@ def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFra
     return table
 
 
-def _nan_interval(values: Array, level: float) -> tuple[Array, Array]:
-    """Interval over the resamples that gave a number; NaN if less than nine in ten did."""
-    enough = np.isfinite(values).mean(axis=0) >= 0.9
-    usable = np.where(enough, values, 0.0)
-    low, high = np.nanpercentile(usable, tails(level), axis=0)
-    return np.where(enough, low, np.nan), np.where(enough, high, np.nan)
+def _over_scenes(responses: Array, measure: Callable[[Array], Array]) -> Estimate:
+    """What depends on single answers, from how often each scene counts."""
+    return jackknife(responses, lambda _, weights: measure(weights), "scenes")
 
 
 def intervals_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
@@ -161,58 +142,94 @@ def intervals_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFra
     Returns
     -------
     DataFrame
-        A row a model and a way of resampling: `liquid`, `model`, `resampled`, `r`, `low`,
-        `high`.
+        A row a model and what its interval is over: `liquid`, `model`, `over`, `r`, `low`, `high`.
     """
-    r = agreement(mean_judgments(compared.trials.responses), compared.judgments).r
+    judgments, responses = compared.judgments, compared.trials.responses
+    r = agreement(mean_judgments(responses), judgments).r
     tables = []
-    for resampled in _STREAMS:
-        means, weights = _drawn(compared, settings, resampled)
-        low, high = interval(agreement(means, compared.judgments, weights).r, settings.level)
+    for over in get_args(Over):
+        found = jackknife(responses, lambda m, w: fisher_z(agreement(m, judgments, w).r), over)
+        low, high = (np.tanh(end) for end in found.interval(settings.level))
         tables.append(
             pd.DataFrame(
                 {"liquid": compared.trials.liquid, "model": compared.names}
-                | {"resampled": resampled, "r": r, "low": low, "high": high}
+                | {"over": over, "r": r, "low": low, "high": high}
             )
         )
     return pd.concat(tables, ignore_index=True)
 
 
 def differences_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFrame:
-    """Differences in r between all pairs of models, on the same resamples.
+    """Differences in r between all pairs of models, on the same people and scenes.
 
     Returns
     -------
     DataFrame
         A row a pair: `liquid`, `model`, `rival`, `difference` (the model's r minus the
-        rival's), `low`, `high`, `p` (two-sided, from the resamples), `p_holm` (for all pairs
-        of the liquid), `resampled`.
+        rival's), `low`, `high`, `p` (two-sided), `p_holm` (for all pairs of the liquid), `over`.
     """
-    means, weights = _drawn(compared, settings, settings.resampled)
-    drawn = agreement(means, compared.judgments, weights).r
-    r = agreement(mean_judgments(compared.trials.responses), compared.judgments).r
-    first, second = np.triu_indices(len(r), k=1)
-    differences = drawn[:, first] - drawn[:, second]
-    low, high = interval(differences, settings.level)
-    p = two_sided_p(differences)
+    pairs = compare_pairs(
+        compared.trials.responses, compared.judgments, settings.over, settings.level
+    )
     names = np.array(compared.names, dtype=object)
-    usable = np.isfinite(differences).all(axis=0)
-    holm = np.full(len(p), np.nan)
-    if usable.any():
-        holm[usable] = multipletests(p[usable], method="holm")[1]
+    told = np.isfinite(pairs.p)
+    holm = np.full(len(pairs.p), np.nan)
+    if told.any():
+        holm[told] = multipletests(pairs.p[told], method="holm")[1]
     return pd.DataFrame(
         {
             "liquid": compared.trials.liquid,
-            "model": names[first],
-            "rival": names[second],
-            "difference": r[first] - r[second],
-            "low": low,
-            "high": high,
-            "p": np.where(usable, p, np.nan),
+            "model": names[pairs.first],
+            "rival": names[pairs.second],
+            "difference": pairs.difference,
+            "low": pairs.low,
+            "high": pairs.high,
+            "p": pairs.p,
             "p_holm": holm,
-            "resampled": settings.resampled,
+            "over": settings.over,
         }
     )
+
+
+def unknown_intervals(trials: Trials, settings: Settings) -> str:
+    """Why there are no intervals and no tests; empty if there are."""
+    why = unknowable(settings.over, *trials.responses.shape)
+    if not why:
+        return ""
+    people, scenes = trials.responses.shape
+    others = [over for over in get_args(Over) if not unknowable(over, people, scenes)]
+    hint = f" (--over {others[0]} has them)" if others else ""
+    return f"{trials.liquid}: no intervals, and no model is told from another: {why}{hint}"
+
+
+def unknown_reliability(trials: Trials, table: pd.DataFrame) -> str:
+    """Why there is no reliability, or not all of it; empty if there is.
+
+    Parameters
+    ----------
+    trials
+        Of one liquid.
+    table
+        From `reliability_table`.
+    """
+    people, scenes = trials.responses.shape
+    if people < FEWEST_PARTICIPANTS:
+        why = f"it needs at least {FEWEST_PARTICIPANTS} participants, not {people}"
+    elif scenes < FEWEST_SCENES:
+        why = f"it needs at least {FEWEST_SCENES} scenes, not {scenes}"
+    else:
+        row = table.set_index("liquid").loc[trials.liquid]
+        if np.isnan(row["reliability"]):
+            why = "too few scenes have two answers, or people's means don't differ"
+        elif row["reliability"] <= 0.0:
+            why = "people agree with one another no better than by chance: nothing can be explained"
+        elif np.isnan(row["split_half"]):
+            why = "halves of the participants have too few scenes in common"
+        elif row["split_half"] <= 0.0:
+            why = "halves of the participants don't agree: Spearman-Brown has nothing to go by"
+        else:
+            return ""
+    return f"{trials.liquid}: no reliability of all participants: {why}"
 
 
 def reliability_table(trials: Sequence[Trials], settings: Settings) -> pd.DataFrame:
@@ -231,7 +248,7 @@ def reliability_table(trials: Sequence[Trials], settings: Settings) -> pd.DataFr
         people, scenes = one.responses.shape
         row: dict[str, object] = {
             "liquid": one.liquid, "participants": people, "scenes": scenes,
-            "resampled": "scenes",
+            "over": "scenes",
         }  # fmt: skip
         if people >= FEWEST_PARTICIPANTS and scenes >= FEWEST_SCENES:
             row |= _reliability(one.responses, settings)
@@ -241,20 +258,26 @@ def reliability_table(trials: Sequence[Trials], settings: Settings) -> pd.DataFr
 
 def _reliability(responses: Array, settings: Settings) -> dict[str, float]:
     halves = split_half(responses, settings.rng(3))
-    counts = draw_counts(responses.shape[1], _RELIABILITY_SCENE_RESAMPLES, settings.rng(4))
-    r = np.array(np.nanmean(halves.correlations()))
-    drawn = halves.mean_correlations(counts)
-    share, shares = reliability(responses), reliability(responses, counts)
+    once = np.ones((1, responses.shape[1]))
+    half = _over_scenes(responses, lambda w: fisher_z(halves.mean_correlations(w))[:, None])
+    share = _over_scenes(responses, lambda w: SHARE.there(reliability(responses, w))[:, None])
+    r, r_ends = halves.mean_correlations(once), _ends(half, np.tanh, settings.level)
+    own, own_ends = reliability(responses, once), _ends(share, SHARE.back, settings.level)
     row: dict[str, float] = {}
-    for name, value, values in (
-        ("split_half", r, drawn),
-        ("spearman_brown", spearman_brown(r), spearman_brown(drawn)),
-        ("reliability", share, shares),
-        ("ceiling", np.sqrt(share), np.sqrt(shares)),
+    for name, values in (
+        ("split_half", (r, *r_ends)),
+        ("spearman_brown", spearman_brown(np.array([r, *r_ends]))),
+        ("reliability", (own, *own_ends)),
+        ("ceiling", ceiling(np.array([own, *own_ends]))),
     ):
-        low, high = _nan_interval(values, settings.level)
-        row |= {name: float(value), f"{name}_low": float(low), f"{name}_high": float(high)}
+        keys = (name, f"{name}_low", f"{name}_high")
+        row |= {key: float(value[0]) for key, value in zip(keys, values, strict=True)}
     return row
+
+
+def _ends(found: Estimate, back: Callable[[Array], Array], level: float) -> tuple[Array, Array]:
+    low, high = found.interval(level)
+    return back(low), back(high)
 
 
 @dataclass(frozen=True)
@@ -270,14 +293,17 @@ class Individuals:
         Liquid -> the comparison that this is from.
     level
         A participant beats chance if a share of chance participants below 1 - level does as well.
+    left_out
+        Liquids that are not among these, and why.
     """
 
     table: pd.DataFrame
     against: Mapping[str, AgainstNull]
     level: float
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     def summary(self) -> pd.DataFrame:
-        """A row a liquid: the fitted beta, the Kolmogorov-Smirnov test, how many beat chance."""
+        """A row a liquid: the fitted beta, both tests against chance, how many beat it."""
         rows = []
         for liquid, result in self.against.items():
             usable = np.isfinite(result.observed)
@@ -289,6 +315,7 @@ class Individuals:
                     "mean_r": float(result.observed[usable].mean()) if usable.any() else np.nan,
                     "beat_chance": int((result.p[usable] < 1.0 - self.level).sum()),
                     "participants": int(usable.sum()),
+                    "permutation_p": result.permutation_p,
                     "ks_D": result.ks_statistic,
                     "ks_p": result.ks_p,
                 }
@@ -301,14 +328,16 @@ def individuals(compared: Sequence[PeopleAndModels], settings: Settings) -> Indi
 
     Liquids whose truth isn't among the models, or whose answers are all the same, are left out.
     """
-    tables, against = [], {}
+    tables, against, left_out = [], {}, {}
     for number, one in enumerate(compared):
         if one.truth is None:
+            left_out[one.trials.liquid] = "its ground truth was not compared"
             continue
         responses = one.trials.responses
         try:
             result = against_null(responses, one.truth, settings.rng(5, number))
-        except ValueError:
+        except ValueError as error:
+            left_out[one.trials.liquid] = str(error)
             continue
         against[one.trials.liquid] = result
         tables.append(
@@ -325,7 +354,7 @@ def individuals(compared: Sequence[PeopleAndModels], settings: Settings) -> Indi
             )
         )
     table = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-    return Individuals(table, against, settings.level)
+    return Individuals(table, against, settings.level, left_out)
 
 
 def people_table(compared: Sequence[PeopleAndModels]) -> pd.DataFrame:

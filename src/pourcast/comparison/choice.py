@@ -20,9 +20,10 @@ from pourcast.comparison.agreement import PeopleAndModels, Settings
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
 from pourcast.scenes.liquids.registry import called
-from pourcast.statistics.bootstrap import Resamples, interval, random_halves, resample, tails
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.statistics.fit import flat, profile, tied
+from pourcast.statistics.halves import random_halves
+from pourcast.statistics.jackknife import Estimate, fisher_z, jackknife
 from pourcast.study.responses import Trials
 from pourcast.sweep.judgments import OWN_ALPHA, Judgments
 from pourcast.tables import numbers_in, read_table, require_columns
@@ -244,12 +245,9 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
         here), `spec`.
     """
     scores, rows = _scores(sets), []
-    drawn_of = {one.trials.liquid: _resamples(one.trials, settings) for one in sets.values()}
     for name, number in choose(sets, scores).items():
         one, values = sets[name], sets[name].values(number)
-        drawn = drawn_of[one.trials.liquid]
-        r = pearson(drawn.means, one.judgments, drawn.weights)
-        low, high = interval(r[:, number], settings.level)
+        low, high = _r_interval(one.trials, one.judgments[number], settings)
         inherited = {axis: values[axis] for axis in values if axis not in FITTED[name].free}
         rivals = one.at(**inherited)
         paper = make_model(name).parameters()
@@ -265,11 +263,11 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
                 "fitted": ", ".join(FITTED[name].free) or "none",
                 "candidates": int(rivals.sum()),
                 "r": float(scores[name][number]),
-                "low": float(low),
-                "high": float(high),
-                "resampled": settings.resampled,
+                "low": low,
+                "high": high,
+                "over": settings.over,
                 "ties": len(tied(np.where(rivals, scores[name], np.nan))) - 1,
-                "flat": _flat_ranges(name, one, r, number, settings),
+                "flat": _flat_ranges(name, one, number, settings),
                 "paper": _in_words(paper_values),
                 "r_paper": float(scores[name][there[0]]) if len(there) else np.nan,
                 "spec": spec_of(name, values),
@@ -278,9 +276,22 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
     return pd.DataFrame(rows)
 
 
-def _resamples(trials: Trials, settings: Settings) -> Resamples:
-    """Resamples of people's means, the same for all models."""
-    return resample(trials.responses, settings.resampled, settings.rng(7), settings.resamples)
+def _r_interval(trials: Trials, judgments: Array, settings: Settings) -> tuple[float, float]:
+    """Interval of one model's correlation."""
+    model = judgments[None]
+    z = jackknife(trials.responses, lambda m, w: fisher_z(pearson(m, model, w)), settings.over)
+    low, high = z.interval(settings.level)
+    return float(np.tanh(low[0])), float(np.tanh(high[0]))
+
+
+def _shortfall(trials: Trials, judgments: Array, best: int, settings: Settings) -> Estimate:
+    """How far each candidate is behind the best, in Fisher's z."""
+
+    def measure(means: Array, weights: Array) -> Array:
+        z = fisher_z(pearson(means, judgments, weights))
+        return z[:, [best]] - z
+
+    return jackknife(trials.responses, measure, settings.over)
 
 
 def _in_words(values: Mapping[str, Any]) -> str:
@@ -290,7 +301,7 @@ def _in_words(values: Mapping[str, Any]) -> str:
     )
 
 
-def _flat_ranges(name: str, one: Candidates, drawn: Array, number: int, settings: Settings) -> str:
+def _flat_ranges(name: str, one: Candidates, number: int, settings: Settings) -> str:
     """Values of each fitted parameter, the others as chosen, that do as well as the best."""
     ranges = []
     values = one.values(number)
@@ -301,7 +312,8 @@ def _flat_ranges(name: str, one: Candidates, drawn: Array, number: int, settings
             ranges.append(f"{axis}: no other value was swept")
             continue
         best = int(np.flatnonzero(along == number)[0])
-        as_good = along[flat(drawn[:, along], best, settings.level)]
+        shortfall = _shortfall(one.trials, one.judgments[along], best, settings)
+        as_good = along[flat(shortfall, settings.level)]
         levels = sorted({str(one.axes[axis][k]) for k in as_good}, key=_number)
         ranges.append(
             f"{axis}: {', '.join(f'{_number(v):g}' if v != OWN_ALPHA else v for v in levels)}"
@@ -324,9 +336,8 @@ def cross_validation_table(
     -------
     DataFrame
         A row a fitted model: `model`, `liquid`, `in_sample` (r of the parameters chosen on all
-        scenes, on all scenes), `train` and `test` (mean r on the halves), `test_low` and
-        `test_high` (their spread over the halvings), `optimism` (train minus test), and
-        `chosen` (how often which parameters).
+        scenes, on all scenes), `train` and `test` (mean r on the halves), `optimism` (train minus
+        test), `halvings`, and `chosen` (how often which parameters).
     """
     scenes = {one.trials.scenes for one in sets.values()}
     if not sets or min(len(some) for some in scenes) < FEWEST_SCENES:
@@ -347,7 +358,6 @@ def cross_validation_table(
         made = [(k, pick[name]) for k, pick in enumerate(picks) if name in pick]
         trained = np.array([train[name][at] for at in made])
         tested = np.array([test[name][at] for at in made])
-        low, high = np.nanpercentile(tested, tails(settings.level))
         rows.append(
             {
                 "model": name,
@@ -355,8 +365,6 @@ def cross_validation_table(
                 "in_sample": float(everywhere[name][number]),
                 "train": float(np.nanmean(trained)),
                 "test": float(np.nanmean(tested)),
-                "test_low": float(low),
-                "test_high": float(high),
                 "optimism": float(np.nanmean(trained) - np.nanmean(tested)),
                 "halvings": len(made),
                 "chosen": _most_chosen(name, sets[name], [at for _, at in made]),
@@ -402,18 +410,16 @@ def carried_table(
     """
     rows = []
     for one in compared:
-        drawn = _resamples(one.trials, settings)
         for name, spec, r_there in zip(choice["model"], choice["spec"], choice["r"], strict=True):
             if spec not in one.models or FITTED[name].liquid != called(one.trials.liquid):
                 continue
-            model = one.models[spec][None]
-            low, high = interval(pearson(drawn.means, model, drawn.weights)[:, 0], settings.level)
-            r = pearson(mean_judgments(one.trials.responses), model)[0]
+            low, high = _r_interval(one.trials, one.models[spec], settings)
+            r = pearson(mean_judgments(one.trials.responses), one.models[spec][None])[0]
             rows.append(
                 {
                     "model": name, "liquid": one.trials.liquid, "spec": spec,
-                    "r": float(r), "low": float(low), "high": float(high),
-                    "resampled": settings.resampled, "r_where_fitted": r_there,
+                    "r": float(r), "low": low, "high": high, "over": settings.over,
+                    "r_where_fitted": r_there,
                 }
             )  # fmt: skip
     return pd.DataFrame(rows)

@@ -19,7 +19,6 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import called, resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
-from pourcast.statistics.reliability import FEWEST_PARTICIPANTS
 from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import Exclusion, arrange, exclude, remarks
@@ -122,7 +121,7 @@ class Comparison:
 TABLES = {
     "agreement": "Agreement of each model with people's mean judgments",
     "intervals": "Correlations, with intervals over participants, scenes, and both",
-    "differences": "Differences in r between models, on the same resamples",
+    "differences": "Differences in r between models, on the same people and scenes",
     "reliability": "Reliability of people's mean judgments, and the noise ceiling",
     "chance": "Single participants against chance",
     "participants": "Participants",
@@ -236,7 +235,7 @@ def compare_study(
         remarks=(
             *_models_remarks(specs, labels, own),
             *remarks(trials, scenes),
-            *_doubts(tables, judged),
+            *_doubts(tables, judged, people, individuals, settings),
         ),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
@@ -328,7 +327,13 @@ def _models_remarks(
     return [f"{label}: {remark}" for label, remark in said.items() if remark]
 
 
-def _doubts(tables: dict[str, pd.DataFrame], judged: Judgments) -> list[str]:
+def _doubts(
+    tables: dict[str, pd.DataFrame],
+    judged: Judgments,
+    people: Sequence[PeopleAndModels],
+    individuals: Individuals,
+    settings: Settings,
+) -> list[str]:
     """What could not be computed or be relied on, and why."""
     doubts = []
     if tables["choice"].empty and judged.rows.empty:
@@ -349,12 +354,13 @@ def _doubts(tables: dict[str, pd.DataFrame], judged: Judgments) -> list[str]:
             "likelihood less"
             for liquid, model in dict.fromkeys(zip(bad["liquid"], bad["model"], strict=True))
         ]
-    small = tables["reliability"]
-    if "split_half" in small:
-        small = small[small["split_half"].isna()]
+    for one in people:
+        doubts += [
+            agreement.unknown_intervals(one.trials, settings),
+            agreement.unknown_reliability(one.trials, tables["reliability"]),
+        ]
     doubts += [
-        f"{row.liquid}: no split-half reliability: {row.participants} participants, "
-        f"at least {FEWEST_PARTICIPANTS} are needed"
-        for row in small.itertuples()
+        f"{liquid}: single participants are not compared with chance: {why}"
+        for liquid, why in individuals.left_out.items()
     ]
-    return doubts
+    return [doubt for doubt in doubts if doubt]

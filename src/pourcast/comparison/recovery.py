@@ -12,7 +12,7 @@ from pourcast.errors import InputError, unknown
 from pourcast.models.registry import complete_presets, family_of, make_model, name_of
 from pourcast.progress import Progress, Report, no_report
 from pourcast.scenes.liquids.registry import resolve_liquid
-from pourcast.statistics.bootstrap import Resampled
+from pourcast.statistics.jackknife import Over
 from pourcast.statistics.observer import Population
 from pourcast.statistics.recovery import confusion, power_of, recover_parameters
 from pourcast.study.experiments.base import observer_model
@@ -136,7 +136,7 @@ def power_table(
     scenes: Sequence[int],
     studies: int,
     population: Population,
-    resampled: Resampled,
+    over: Over,
     level: float,
     seed: int,
     report: Report = no_report,
@@ -153,8 +153,8 @@ def power_table(
         Simulated for each size.
     population
         How observers answer.
-    resampled, level
-        The interval that must not hold 0.
+    over, level
+        What the difference must hold over, and the level of its test.
     seed
         Source of all randomness.
     report
@@ -172,7 +172,7 @@ def power_table(
         report(f"{true_name} against {rival_name}: {people} x {shown}", done, len(sizes))
         power = power_of(
             true, rival, observers=people, scenes=shown, studies=studies, population=population,
-            rng=np.random.default_rng([seed, people, shown]), resampled=resampled, level=level,
+            rng=np.random.default_rng([seed, people, shown]), over=over, level=level,
         )  # fmt: skip
         rows.append({"observers": people, "scenes": shown, **vars(power)})
     return pd.DataFrame(rows)
@@ -294,7 +294,7 @@ def study_power(
     scenes: Sequence[int] = (),
     studies: int,
     population: Population,
-    resampled: Resampled,
+    over: Over,
     level: float,
     seed: int,
     report: Report = no_report,
@@ -311,7 +311,7 @@ def study_power(
         The model in people's heads, and its rival; `OPPONENTS` by default.
     observers, scenes
         Sizes; `OBSERVER_COUNTS`, and all scenes, by default.
-    studies, population, resampled, level, seed
+    studies, population, over, level, seed
         As for `power_table`.
     report
         Told of the progress.
@@ -327,7 +327,7 @@ def study_power(
     table = power_table(
         _judged(study, liquid, specs), observers=observers or OBSERVER_COUNTS,
         scenes=scenes or [len(there)], studies=studies, population=population,
-        resampled=resampled, level=level, seed=seed, report=report,
+        over=over, level=level, seed=seed, report=report,
     )  # fmt: skip
     return Recovery(f"{specs[0]} in people's heads, told from {specs[1]}", table)
 

@@ -30,23 +30,22 @@ def window_variances(
         How intervals are made.
     """
     variances = {}
-    for number, name in enumerate(CONDITIONS):
+    for name in CONDITIONS:
         parameters = make_model(name).parameters()
         window = zeta_window(parameters["damping_zeta"], parameters["zeta_sigma"])
         fixed = columns_of(parameters) | {"family": family_of(name), "zeta_sigma": 0}
         rows = [judged.on_trials(liquid, **fixed | {"damping_zeta": zeta}) for zeta in window]
         if all(len(row) for row in rows):
             judgments = judged.judgments[[int(row[0]) for row in rows]]
-            rng = settings.rng(6, number)
-            variances[name] = window_variance(judgments, rng, settings.level, settings.resamples)
+            variances[name] = window_variance(judgments, settings.level)
     return variances
 
 
 def variance_table(variances: Mapping[str, WindowVariance]) -> pd.DataFrame:
-    """A row a condition: `mean` variance over the scenes, and its interval, scenes resampled."""
+    """A row a condition: `mean` variance over the scenes, and its interval over scenes."""
     return pd.DataFrame(
         [
-            {"model": name, "variance": v.mean, "low": v.low, "high": v.high, "resampled": "scenes"}
+            {"model": name, "variance": v.mean, "low": v.low, "high": v.high, "over": "scenes"}
             for name, v in variances.items()
         ]
     )

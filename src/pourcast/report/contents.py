@@ -53,7 +53,7 @@ CAPTIONS = {
     "model_recovery": "Model recovery, {liquid} trials: each model was planted in simulated "
     "observers; which one fits them best?",
     "power": "Power, {liquid} trials: chance that {first}, if it is in people's heads, is told "
-    "from {second} (95 % interval of the difference in r, participants and scenes resampled).",
+    "from {second} (difference in r, over participants and scenes, p < .05).",
     "zeta_recovery": "Recovery of zeta, {liquid} trials: each damping of {first} was planted in "
     "simulated observers; which one fits them best?",
 }
@@ -177,7 +177,7 @@ def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterat
         {name: one.models[name] for name in best}, observers=POWER_OBSERVERS,
         scenes=[count for count in POWER_SCENES if count <= 2 * len(one.trials.scenes)]
         or [len(one.trials.scenes)],
-        resampled="both", level=level, **common,
+        over="both", level=level, **common,
     )  # fmt: skip
     caption = CAPTIONS["power"].format(liquid=short, first=best[0], second=best[1])
     figure = design.power(table, f"{best[0]} / {best[1]}")

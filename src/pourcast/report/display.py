@@ -9,8 +9,8 @@ HEADINGS = {
     "r_truth_honey": "r with truth-honey",
     "r_truth_stimulus": "r with the stimuli",
     "rmse": "RMSE",
-    "explained": "share of explainable variance (scenes resampled)",
-    "resampled": "intervals resample",
+    "explained": "share of explainable variance (over scenes)",
+    "permutation_p": "p (scenes permuted)",
     "split_half": "split-half r",
     "spearman_brown": "with Spearman-Brown",
     "ceiling": "noise ceiling (r)",
@@ -42,11 +42,13 @@ HEADINGS = {
 }
 
 _HIDDEN = ("spec",)
-_P_VALUES = ("p", "p_holm", "ks_p")
+_P_VALUES = ("p", "p_holm", "ks_p", "permutation_p")
 
 
 def readable(table: pd.DataFrame) -> pd.DataFrame:
     """The same table as text: intervals merged into their values' cells, missing values as a dash.
+
+    Where there is no interval, the value stands alone; remarks say why there is none.
 
     Parameters
     ----------
@@ -64,9 +66,11 @@ def readable(table: pd.DataFrame) -> pd.DataFrame:
         if limits is not None:
             pairs = zip(words, table[limits[0]], table[limits[1]], strict=True)
             words = [
-                f"{word} [{_word(name, low)}, {_word(name, high)}]" for word, low, high in pairs
+                f"{word} [{_word(name, low)}, {_word(name, high)}]"
+                if word != "-" and low == low  # noqa: PLR0124 (NaN)
+                else word
+                for word, low, high in pairs
             ]
-            words = ["-" if word.startswith("- [") else word for word in words]
         shown[HEADINGS.get(name, name.replace("_", " "))] = words
     return shown
 

@@ -13,6 +13,7 @@ from pourcast.report.numbers import engine_in_words, fields_in_words, liquid_in_
 from pourcast.scenes.liquids.registry import called
 from pourcast.simulation.run import engine_version
 from pourcast.simulation.settings import EngineSettings
+from pourcast.statistics.jackknife import over_words
 from pourcast.study.chosen import CHOSEN_FILE
 
 ENGINE = EngineSettings()
@@ -33,16 +34,18 @@ def methods(comparison: Comparison) -> str:
         f"Tenenbaum, and Battaglia (2019). {_computed(comparison)}{_counts(comparison)} "
         f"{_exclusions(comparison)} "
         "Agreement is the Pearson correlation of participants' mean judgment of each scene with "
-        f"the model's, with {100 * settings.level:g} % percentile intervals from "
-        f"{settings.resamples:,} bootstrap resamples of {_resampled(settings.resampled)}; "
-        "differences between models are taken on the same resamples, and their p values are "
-        "adjusted for all pairs of a liquid (Holm). Split-half reliability is the mean over 1,000 "
+        f"the model's, with {100 * settings.level:g} % intervals over "
+        f"{over_words(settings.over)} (jackknife standard errors of Fisher's z, Student's t); "
+        "differences between models were tested in Fisher's z in the same way, with p values "
+        "adjusted for all pairs of a liquid (Holm), and their intervals follow Zou (2007). "
+        "Split-half reliability is the mean over 1,000 "
         "random halves of the participants; the noise ceiling is the root of the reliability of "
-        "the mean judgments; intervals of both, and of the share of explainable variance, "
-        "resample scenes. Single participants were compared with responses drawn from a beta "
-        "distribution fitted by moments to all responses (10,000 draws; two-sample "
-        f"Kolmogorov-Smirnov test). {_choice(comparison)}"
-        f"The seed of all resampling was {settings.seed}."
+        "the mean judgments (Cronbach's alpha, for complete data); intervals of both, and of the "
+        "share of explainable variance, are over scenes. Single participants were compared with "
+        "responses to the same scenes drawn from a beta distribution fitted by moments to all "
+        "responses (10,000 draws; two-sample Kolmogorov-Smirnov test), and all together with "
+        f"10,000 permutations of the scenes. {_choice(comparison)}"
+        f"The seed of all draws was {settings.seed}."
     )
 
 
@@ -102,10 +105,6 @@ def _exclusions(comparison: Comparison) -> str:
     return f"Excluded were, by rule: {'; '.join(rules)}."
 
 
-def _resampled(resampled: str) -> str:
-    return "participants and scenes, crossed" if resampled == "both" else resampled
-
-
 def provenance(comparison: Comparison) -> list[tuple[str, str]]:
     """Everything that the report was made from: versions, seeds, files and their digests."""
     path, digest = comparison.source
@@ -115,8 +114,8 @@ def provenance(comparison: Comparison) -> list[tuple[str, str]]:
         ("engine", engine_version()),
         ("Python", platform.python_version()),
         *((name, version(name)) for name in LIBRARIES),
-        ("seed of the resampling", str(settings.seed)),
-        ("resamples", f"{settings.resamples} of {_resampled(settings.resampled)}"),
+        ("seed of random draws", str(settings.seed)),
+        ("intervals and tests", f"over {over_words(settings.over)}"),
         (f"responses: {path.name}", f"sha256 {digest}"),
     ]
     if comparison.pours:

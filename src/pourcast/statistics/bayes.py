@@ -35,7 +35,7 @@ from platformdirs import user_cache_dir
 from scipy.special import logit
 
 from pourcast.progress import Report, no_report
-from pourcast.statistics.bootstrap import LEVEL, interval
+from pourcast.statistics.jackknife import LEVEL
 
 with warnings.catch_warnings():
     # ArviZ tells of its next major version, which pyproject.toml keeps out.
@@ -256,7 +256,7 @@ def _loo_row(name: str, one: Any, table: Any) -> dict[str, Any]:
 def _summary(name: str, data: Any, level: float) -> pd.DataFrame:
     summary = az.summary(data, var_names=list(PARAMETERS))
     draws = np.stack([data.posterior[parameter].to_numpy().ravel() for parameter in PARAMETERS])
-    low, high = interval(draws.T, level)
+    low, high = np.quantile(draws, (0.5 - level / 2.0, 0.5 + level / 2.0), axis=1)
     return pd.DataFrame(
         {
             "model": name,

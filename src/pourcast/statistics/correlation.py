@@ -38,12 +38,12 @@ MEASURES = ("r", "rmse", "bias", "slope")
 
 
 def agreement(people: Array, models: Array, weights: Array | None = None) -> Agreement:
-    """Agreement of people's mean judgments with each model's, in any number of resamples.
+    """Agreement of people's mean judgments with each model's, in any number of cases.
 
     Parameters
     ----------
     people
-        Mean judgments, shape [resample_count, scene_count] or [scene_count]; where a weight
+        Mean judgments, shape [case_count, scene_count] or [scene_count]; where a weight
         is 0 they may be NaN.
     models
         Judgments, shape [model_count, scene_count].
@@ -54,7 +54,7 @@ def agreement(people: Array, models: Array, weights: Array | None = None) -> Agr
     Returns
     -------
     Agreement
-        Arrays of shape [resample_count, model_count], or [model_count].
+        Arrays of shape [case_count, model_count], or [model_count].
 
     Examples
     --------

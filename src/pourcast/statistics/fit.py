@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.statistics.bootstrap import interval
+from pourcast.statistics.jackknife import Estimate
 
 Array = NDArray[np.float64]
 
@@ -42,18 +42,16 @@ def tied(scores: Array) -> list[int]:
     return np.flatnonzero(scores >= np.nanmax(scores) - _TIE).tolist()
 
 
-def flat(resampled: Array, best: int, level: float) -> NDArray[np.bool_]:
-    """Which candidates do as well as the best: the interval of the difference is not all above 0.
+def flat(shortfall: Estimate, level: float) -> NDArray[np.bool_]:
+    """Which candidates do as well as the best: the interval of the shortfall isn't all above 0.
 
     Parameters
     ----------
-    resampled
-        Correlations in each resample, shape [resample_count, candidate_count].
-    best
-        Number of the best candidate.
+    shortfall
+        Of each candidate, behind the best; nothing is told where its variance is unknown.
     level
-        Of the intervals of the paired differences.
+        Of the intervals.
     """
-    low, _ = interval(resampled[:, [best]] - resampled, level)
-    as_good: NDArray[np.bool_] = low <= 0.0
+    low, _ = shortfall.interval(level)
+    as_good: NDArray[np.bool_] = ~(low > 0.0)
     return as_good

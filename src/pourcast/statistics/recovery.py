@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from pourcast.progress import Progress, no_progress
-from pourcast.statistics.bootstrap import LEVEL, Resampled, interval, resample
 from pourcast.statistics.correlation import pearson
+from pourcast.statistics.differences import compare_pairs
+from pourcast.statistics.jackknife import LEVEL, Over
 from pourcast.statistics.observer import Population, spread_over_grid
 
 Array = NDArray[np.float64]
@@ -122,8 +123,7 @@ def power_of(
     studies: int,
     population: Population,
     rng: np.random.Generator,
-    resampled: Resampled = "both",
-    resamples: int = 1000,
+    over: Over = "both",
     level: float = LEVEL,
 ) -> Power:
     """How often a study finds that the true model agrees better with people than a rival.
@@ -141,10 +141,10 @@ def power_of(
         How the observers answer.
     rng
         Source of randomness.
-    resampled, resamples
-        The interval of the difference in r that must not hold 0.
+    over
+        What the difference in r must hold over.
     level
-        Of that interval, and of the power's own.
+        Of the test, and of the power's own interval.
     """
     both = np.stack([true, rival])
     available = both.shape[1]
@@ -153,14 +153,9 @@ def power_of(
         shown = rng.choice(available, scenes, replace=scenes > available)
         styles = population.draw(observers, rng)
         responses = population.respond(true[shown], styles, rng)
-        drawn = resample(responses, resampled, rng, resamples)
-        r = pearson(drawn.means, both[:, shown], drawn.weights)
-        difference = r[:, 0] - r[:, 1]
-        known = difference[np.isfinite(difference)]
-        if len(known) == 0:
-            continue  # One of them says the same of all these scenes: nothing is told.
-        low, high = interval(known, level)
-        right += bool(low > 0.0)
-        wrong += bool(high < 0.0)
+        pair = compare_pairs(responses, both[:, shown], over, level)
+        told = bool(pair.p[0] < 1.0 - level)
+        right += told and pair.difference[0] > 0.0
+        wrong += told and pair.difference[0] < 0.0
     limits = binomtest(right, studies).proportion_ci(level, method="wilson")
     return Power(right / studies, float(limits.low), float(limits.high), wrong / studies)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pourcast.statistics.bootstrap import random_halves
 from pourcast.statistics.correlation import agreement, mean_judgments
+from pourcast.statistics.halves import random_halves
+from pourcast.statistics.jackknife import fisher_z, jackknife
 
 Array = NDArray[np.float64]
 
@@ -18,19 +19,27 @@ FEWEST_PARTICIPANTS = 4
 
 _BLOCK = 200
 _NO_SPREAD = 1e-12
-"""Variance of means below which a resample of scenes holds one scene again and again."""
+"""Variance of means below which they don't differ."""
 
 
 def spearman_brown(r: Array) -> Array:
     """Reliability of twice as many participants (Spearman 1910, Brown 1910).
+
+    NaN where halves don't agree at all (r of 0 or less): there is nothing to extrapolate.
 
     Examples
     --------
     >>> float(spearman_brown(np.array(0.5)).round(3))
     0.667
     """
-    doubled: Array = 2.0 * r / np.where(r > -1.0, 1.0 + r, np.nan)
+    doubled: Array = 2.0 * r / (1.0 + np.where(r > 0.0, r, np.nan))
     return doubled
+
+
+def ceiling(reliability: Array) -> Array:
+    """The r that a perfect model can expect: the root of the reliability, 0 without any signal."""
+    expected: Array = np.sqrt(np.clip(reliability, 0.0, 1.0))
+    return expected
 
 
 @dataclass(frozen=True)
@@ -40,39 +49,40 @@ class Halves:
     first: Array
     second: Array
 
-    def correlations(self) -> Array:
-        """Correlation of the halves in each split, shape [split_count]."""
-        once = np.ones((1, self.first.shape[1]))
-        r: Array = _rowwise(self.first, self.second, once)[0]
-        return r
-
     def mean_correlations(self, scene_counts: Array) -> Array:
-        """Mean over the splits, in each resample of scenes, shape [resample_count].
+        """Mean over the splits in which the halves have a correlation, shape [case_count].
 
         Parameters
         ----------
         scene_counts
-            How often each scene is drawn, shape [resample_count, scene_count].
+            How often each scene counts, shape [case_count, scene_count].
         """
         blocks = np.array_split(scene_counts, max(1, len(scene_counts) // _BLOCK))
-        blocks_r = [_rowwise(self.first, self.second, block).mean(axis=1) for block in blocks]
-        return np.concatenate(blocks_r)
+        means = []
+        for block in blocks:
+            r = _rowwise(self.first, self.second, block)
+            known = np.isfinite(r)
+            with np.errstate(invalid="ignore"):
+                means.append(np.where(known, r, 0.0).sum(axis=1) / known.sum(axis=1))
+        return np.concatenate(means)
 
 
 def _rowwise(x: Array, y: Array, weights: Array) -> Array:
     """Correlations of rows of x with the same rows of y, shape [weight_count, row_count]."""
     both = np.isfinite(x) & np.isfinite(y)
-    centre = np.nanmean(x), np.nanmean(y)
-    x, y = np.where(both, x - centre[0], 0.0), np.where(both, y - centre[1], 0.0)
-    total = weights @ both.T
-    mean_x, mean_y = weights @ x.T / total, weights @ y.T / total
-    covariance = weights @ (x * y).T / total - mean_x * mean_y
-    variances = (weights @ (x * x).T / total - mean_x**2) * (
-        weights @ (y * y).T / total - mean_y**2
-    )
+    if not both.any():
+        return np.full((len(weights), len(x)), np.nan)
+    x, y = (np.where(both, each - each[both].mean(), 0.0) for each in (x, y))
     with np.errstate(divide="ignore", invalid="ignore"):
-        r: Array = np.where(variances > 0, covariance / np.sqrt(variances), np.nan)
-    return r
+        total = weights @ both.T
+        mean_x, mean_y = weights @ x.T / total, weights @ y.T / total
+        covariance = weights @ (x * y).T / total - mean_x * mean_y
+        spread_x = weights @ (x * x).T / total - mean_x**2
+        spread_y = weights @ (y * y).T / total - mean_y**2
+        known = (spread_x > _NO_SPREAD) & (spread_y > _NO_SPREAD)
+        r = np.where(known, covariance / np.sqrt(spread_x * spread_y), np.nan)
+    clipped: Array = np.clip(r, -1.0, 1.0)
+    return clipped
 
 
 def split_half(responses: Array, rng: np.random.Generator, splits: int = SPLITS) -> Halves:
@@ -106,48 +116,52 @@ def _half_means(responses: Array, chosen: Array) -> Array:
     return means
 
 
-def reliability(responses: Array, scene_counts: Array | None = None) -> Array:
-    """Share of the variance of mean judgments that is not noise, in each resample of scenes.
+def reliability(responses: Array, weights: Array | None = None) -> Array:
+    """Share of the variance of mean judgments that is not noise.
 
-    One minus the mean squared standard error over the variance of the means: what
-    split halves with Spearman-Brown tend to, without splitting (Cronbach's alpha is the
-    same for complete data once each participant's level is taken out).
+    Noise is what these participants' means would change by if others had answered: the variance
+    over scenes that each participant adds to the means, by leaving each out. A participant's
+    constant level adds none where all answer all scenes, as it can't lower a correlation; where
+    they answer different ones, it does. For complete data this is Cronbach's alpha.
 
     Parameters
     ----------
     responses
         Shape [participant_count, scene_count]; NaN where there is no answer. Scenes with
         fewer than two answers don't count.
-    scene_counts
-        How often each scene is drawn, shape [resample_count, scene_count]; once, by default.
+    weights
+        How often each scene counts, shape [case_count, scene_count]; once, by default.
 
     Returns
     -------
     ndarray
-        Shape [resample_count], or a single number; NaN if noise explains all of it, or
-        fewer than two scenes count.
+        Shape [case_count], or a single number; below 0 if there is more noise than is usual
+        without any signal, NaN if fewer than two scenes count or the means don't differ.
     """
-    counts = np.ones((1, responses.shape[1])) if scene_counts is None else scene_counts
-    answers = np.isfinite(responses).sum(axis=0)
-    means = mean_judgments(responses)
-    squares = np.where(np.isfinite(responses), (responses - means) ** 2, 0.0).sum(axis=0)
+    there = np.isfinite(responses)
+    answers = there.sum(axis=0)
     usable = answers >= 2
-    if usable.sum() < 2:
-        return np.full(len(counts), np.nan) if scene_counts is not None else np.array(np.nan)
-    error = np.where(usable, squares / np.maximum(1, (answers - 1) * answers), 0.0)
-    weights = counts * usable
-    total = weights.sum(axis=1)
-    y = np.where(usable, means - np.mean(means[usable]), 0.0)
-    # What divides by no spread is no number, and left out below.
+    means = np.where(usable, mean_judgments(responses), 0.0)
+    counts = usable * (np.ones((1, len(usable))) if weights is None else weights)
+    root = np.sqrt(np.maximum(1, answers * (answers - 1)))
+    added = np.where(there & usable, (np.where(there, responses, 0.0) - means) / root, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # n - 1, as in an unbiased variance of the scenes that were drawn.
-        spread = (weights @ (y * y) - (weights @ y) ** 2 / total) / (total - 1.0)
-        share = 1.0 - (weights @ error) / total / np.where(spread > _NO_SPREAD, spread, 0.0)
-    known = np.where(share > 0.0, share, np.nan)
-    return known if scene_counts is not None else known[0]
+        noise = _variances(added, counts).sum(axis=1)
+        spread = _variances(means[None], counts)[:, 0]
+        share: Array = np.where(spread > _NO_SPREAD, 1.0 - noise / spread, np.nan)
+    return share[0] if weights is None else share
 
 
-def explained_share(responses: Array, models: Array, scene_counts: Array | None = None) -> Array:
+def _variances(rows: Array, counts: Array) -> Array:
+    """Unbiased variance of each row over the scenes that count, shape [case_count, row_count]."""
+    total = counts.sum(axis=1, keepdims=True)
+    centred = rows - rows.mean(axis=1, keepdims=True)
+    squares = counts @ (centred**2).T - (counts @ centred.T) ** 2 / total
+    variances: Array = squares / (total - 1.0)
+    return variances
+
+
+def explained_share(responses: Array, models: Array) -> Array:
     """Share of the explainable variance that each model explains: r squared over reliability.
 
     Parameters
@@ -156,19 +170,27 @@ def explained_share(responses: Array, models: Array, scene_counts: Array | None 
         Shape [participant_count, scene_count].
     models
         Shape [model_count, scene_count].
-    scene_counts
-        As for `reliability`.
 
     Returns
     -------
     ndarray
-        Shape [resample_count, model_count], or [model_count]; may exceed 1 by chance.
+        Shape [model_count]. May exceed 1 by chance, as both its parts are estimates; NaN where
+        nothing can be explained (a reliability of 0 or less).
     """
-    means = mean_judgments(responses)
-    if scene_counts is None:
-        share: Array = agreement(means, models).r ** 2 / reliability(responses)
-        return share
-    weights = scene_counts * np.isfinite(means)
-    r = agreement(np.broadcast_to(means, weights.shape), models, weights).r
-    within: Array = r**2 / reliability(responses, scene_counts)[:, None]
-    return within
+    r = agreement(mean_judgments(responses), models).r
+    return _over_reliability(r**2, responses)
+
+
+def explained_interval(responses: Array, models: Array, level: float) -> tuple[Array, Array]:
+    """Interval of `explained_share` over scenes: that of r, squared, over the reliability."""
+    found = jackknife(responses, lambda m, w: fisher_z(agreement(m, models, w).r), "scenes")
+    low, high = (np.tanh(end) for end in found.interval(level))
+    least = np.where((low < 0.0) & (high > 0.0), 0.0, np.minimum(low**2, high**2))
+    most = np.maximum(low**2, high**2)
+    return _over_reliability(least, responses), _over_reliability(most, responses)
+
+
+def _over_reliability(squares: Array, responses: Array) -> Array:
+    share = reliability(responses)
+    over: Array = squares / np.where(share > 0.0, share, np.nan)
+    return over

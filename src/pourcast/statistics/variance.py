@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pourcast.statistics.bootstrap import RESAMPLES, draw_counts, interval
+from pourcast.statistics.jackknife import FEWEST
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ class WindowVariance:
     per_scene
         Shape [scene_count].
     mean, low, high
-        Mean over the scenes, and its bootstrap interval, scenes resampled.
+        Mean over the scenes, and its interval over scenes (Student's t); NaN with one scene.
     """
 
     per_scene: Array
@@ -29,26 +29,21 @@ class WindowVariance:
     high: float
 
 
-def window_variance(
-    judgments: Array, rng: np.random.Generator, level: float, resamples: int = RESAMPLES
-) -> WindowVariance:
+def window_variance(judgments: Array, level: float) -> WindowVariance:
     """Variance of judgments over a window, mean over scenes.
 
     Parameters
     ----------
     judgments
         Deterministic judgments, shape [damping_count, scene_count].
-    rng
-        Source of randomness.
     level
         Of the interval.
-    resamples
-        Of the scenes.
     """
     per_scene: Array = judgments.var(axis=0, ddof=1)
-    counts = draw_counts(len(per_scene), resamples, rng)
-    low, high = interval(counts @ per_scene / len(per_scene), level)
-    return WindowVariance(per_scene, float(per_scene.mean()), float(low), float(high))
+    mean, low, high = float(per_scene.mean()), np.nan, np.nan
+    if len(per_scene) >= FEWEST:
+        low, high = stats.t.interval(level, len(per_scene) - 1, mean, stats.sem(per_scene))
+    return WindowVariance(per_scene, mean, float(low), float(high))
 
 
 def unpaired_t(first: Array, second: Array) -> tuple[float, float, float]:

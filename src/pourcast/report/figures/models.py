@@ -14,6 +14,7 @@ from pourcast.pictures.style import COLUMN, GREY, PAGE, RC, new_figure
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import called, colour_of
 from pourcast.statistics.correlation import mean_judgments, pearson
+from pourcast.statistics.jackknife import over_words
 from pourcast.study.experiments.base import Experiment, published_with_people
 
 
@@ -57,14 +58,10 @@ def correlations(
             axes.set_yticklabels(models)
             axes.set_xlim(min(0.0, float(rows["r_low"].min())), 1.0)
         figure.axes[0].invert_yaxis()
-        resampled = _resampled_words(agreement["resampled"].iloc[0])
+        over = over_words(agreement["over"].iloc[0])
         diamonds = "; diamonds: published" if experiment and experiment.published else ""
-        figure.suptitle(f"Lines: 95 % intervals, {resampled} resampled{diamonds}", fontsize=7)
+        figure.suptitle(f"Lines: 95 % intervals over {over}{diamonds}", fontsize=7)
     return figure
-
-
-def _resampled_words(resampled: str) -> str:
-    return "participants and scenes" if resampled == "both" else resampled
 
 
 def scatter(compared: PeopleAndModels, models: Sequence[str], own: Sequence[Liquid] = ()) -> Figure:
@@ -142,8 +139,7 @@ def differences(table: pd.DataFrame, liquid: str) -> Figure:
         axes.set_yticklabels(models)
         axes.set_title(
             f"{called(liquid)} trials: r of the row's model minus r of the column's\n"
-            f"* p < .05 for all pairs (Holm), {_resampled_words(rows['resampled'].iloc[0])} "
-            "resampled"
+            f"* p < .05 for all pairs (Holm), over {over_words(rows['over'].iloc[0])}"
         )
         figure.colorbar(picture, ax=axes, shrink=0.8, label="difference in r")
     return figure

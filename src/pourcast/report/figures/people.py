@@ -24,20 +24,23 @@ def against_null(individuals: Individuals, own: Sequence[Liquid] = ()) -> Figure
     """
     liquids = list(individuals.against)
     with mpl.rc_context(RC):
-        figure = new_figure(COLUMN if len(liquids) == 1 else PAGE, 2.2)
+        figure = new_figure(COLUMN if len(liquids) == 1 else PAGE, 2.4)
         panels = figure.subplots(1, len(liquids), squeeze=False, sharey=True)[0]
         edges = np.linspace(-1.0, 1.0, 41)
         for axes, liquid in zip(panels, liquids, strict=True):
             found, short = individuals.against[liquid], called(liquid)
             observed = found.observed[np.isfinite(found.observed)]
             for values, colour, label in (
-                (found.null, GREY, "chance (beta)"),
+                (found.null[np.isfinite(found.null)], GREY, "chance (beta)"),
                 (observed, colour_of(short, own), f"{len(observed)} participants"),
             ):
-                weights = np.full(len(values), 1.0 / len(values))
+                weights = np.full(len(values), 1.0 / max(1, len(values)))
                 axes.hist(values, edges, weights=weights, alpha=0.65, color=colour, label=label)
             axes.set(xlabel=f"r with the {short} ground truth")
-            axes.set_title(f"{short}: D = {found.ks_statistic:.2f}, p = {found.ks_p:.2g}")
+            axes.set_title(
+                f"{short}: D = {found.ks_statistic:.2f}, p = {found.ks_p:.2g}\n"
+                f"scenes permuted: p = {found.permutation_p:.2g}"
+            )
             axes.legend(frameon=False, loc="upper left")
         panels[0].set_ylabel("share")
     return figure

@@ -1,0 +1,370 @@
+"""How often intervals hold the truth, and tests reject it, in studies whose truth is known.
+
+    python -m benchmarks.error_rates > docs/reference/error-rates.md
+
+simulates studies of 10 participants x 30 scenes and of 33 x 120, with observers as the
+package simulates them, analyses each as `pourcast compare` does by default, and makes the page.
+`--studies` says how many of each kind; 400 take a quarter of an hour of a core.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+from statsmodels.stats.multitest import multipletests
+
+from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments
+from pourcast.statistics.differences import compare_pairs
+from pourcast.statistics.jackknife import (
+    LEVEL,
+    SHARE,
+    Over,
+    fisher_z,
+    jackknife,
+    scaled,
+)
+from pourcast.statistics.null import against_null
+from pourcast.statistics.observer import Population
+from pourcast.statistics.reliability import (
+    explained_interval,
+    explained_share,
+    reliability,
+    split_half,
+)
+
+Array = NDArray[np.float64]
+
+SIZES = ((10, 30), (33, 120))
+"""Participants and scenes of the studies."""
+
+NEARNESS = (0.5, 0.9, 0.99, 1.0)
+"""How a model's judgments correlate with what is in the heads; 1 is a perfect model."""
+
+MODELS = 11
+
+HEAD = """# Error rates: how often the statistics are right
+
+Made by `python -m benchmarks.error_rates`: studies whose truth is known, [simulated
+observers](../explanation/statistics.md#simulated-observers), analysed as `compare` does by
+default. {studies} studies in each cell: a true 95 % shows as {low:.1f} to {high:.1f} %.
+"""
+
+
+@dataclass(frozen=True)
+class World:
+    """Where studies come from.
+
+    Parameters
+    ----------
+    participants, scenes
+        Size of a study.
+    nearness
+        Of each model to what is in the heads.
+    population
+        Who answers.
+    answered
+        Share of the scenes that each participant answers.
+    """
+
+    participants: int
+    scenes: int
+    nearness: tuple[float, ...] = (0.9,)
+    population: Population = Population()  # noqa: RUF009 (frozen)
+    answered: float = 1.0
+
+    def draw_scenes(self, rng: np.random.Generator, scenes: int = 0) -> tuple[Array, Array]:
+        """What is in the heads, and each model's judgments."""
+        count = scenes or self.scenes
+        depth = rng.standard_normal(count)
+        near = np.array(self.nearness)[:, None]
+        apart = np.sqrt(1.0 - near**2) * rng.standard_normal((len(near), count))
+        return norm.cdf(depth), norm.cdf(near * depth + apart)
+
+    def people(self, rng: np.random.Generator) -> Array:
+        """Some participants: how they answer."""
+        return self.population.draw(self.participants, rng)
+
+    def answers(
+        self, judgments: Array, rng: np.random.Generator, people: Array | None = None
+    ) -> Array:
+        """A study's answers; NaN where none was given."""
+        styles = self.people(rng) if people is None else people
+        responses: Array = self.population.respond(judgments, styles, rng)
+        if self.answered < 1.0:
+            missing = rng.random(responses.shape).argsort(axis=1).argsort(axis=1)
+            responses[missing >= round(self.answered * responses.shape[1])] = np.nan
+        return responses
+
+
+Studies = Iterator[tuple[Array, Array, Array]]
+"""Answers, models' judgments, and true values on their scale."""
+
+
+def studies_over(
+    world: World, over: Over, value: Callable[[Array, Array], Array], count: int, seed: int
+) -> Studies:
+    """Studies, and the mean over studies that differ in what a conclusion is to hold over."""
+    rng = np.random.default_rng(seed)
+    if over == "both":
+        many = [world.draw_scenes(rng) for _ in range(4000)]
+        known = np.mean([value(world.answers(j, rng), m) for j, m in many], axis=0)
+    for k in range(count):
+        if over == "participants":
+            if k % 20 == 0:
+                judgments, models = world.draw_scenes(rng)
+                again = [value(world.answers(judgments, rng), models) for _ in range(400)]
+                known = np.mean(again, axis=0)
+            yield world.answers(judgments, rng), models, known
+            continue
+        judgments, models = world.draw_scenes(rng)
+        if over == "scenes":
+            people = world.people(rng)
+            all_judgments, all_models = world.draw_scenes(rng, 6000)
+            known = value(world.answers(all_judgments, rng, people), all_models)
+            yield world.answers(judgments, rng, people), models, known
+        else:
+            yield world.answers(judgments, rng), models, known
+
+
+def measures_on_scales(responses: Array, models: Array) -> Array:
+    """All measures of agreement, shape [4 x model_count]."""
+    return scaled(agreement(mean_judgments(responses), models))
+
+
+def coverage_of_agreement(world: World, over: Over, count: int, seed: int = 0) -> dict[str, float]:
+    """Share of studies whose intervals hold the true value, for each measure."""
+    held = []
+    for responses, models, known in studies_over(world, over, measures_on_scales, count, seed):
+        found = jackknife(
+            responses,
+            lambda m, w, models=models: scaled(agreement(m, models, w)),
+            over,
+        )
+        low, high = found.interval(LEVEL)
+        held.append((low <= known) & (known <= high))
+    shares = np.mean(held, axis=0).reshape(len(MEASURES), -1).mean(axis=1)
+    return dict(zip(MEASURES, shares.tolist(), strict=True))
+
+
+def coverage_of_differences(world: World, over: Over, count: int, seed: int = 0) -> float:
+    """Share of studies whose interval of the difference in r of two models holds it."""
+
+    def value(responses: Array, models: Array) -> Array:
+        return np.asarray(agreement(mean_judgments(responses), models).r)
+
+    held = []
+    for responses, models, known in studies_over(world, over, value, count, seed):
+        found = compare_pairs(responses, models, over, LEVEL)
+        held.append(bool(found.low[0] <= known[0] - known[1] <= found.high[0]))
+    return float(np.mean(held))
+
+
+def false_stars(world: World, over: Over, count: int, seed: int = 0) -> tuple[float, float]:
+    """Among equally good models: shares of studies with a starred pair, of pairs with p < .05."""
+    rng, any_star, single = np.random.default_rng(seed), [], []
+    for _ in range(count):
+        judgments, models = world.draw_scenes(rng)
+        p = compare_pairs(world.answers(judgments, rng), models, over, LEVEL).p
+        any_star.append(bool(multipletests(p, method="holm")[0].any()))
+        single.append(float((p < 1.0 - LEVEL).mean()))
+    return float(np.mean(any_star)), float(np.mean(single))
+
+
+def perfect_share(world: World, count: int, seed: int = 0) -> float:
+    """Mean share of the explainable variance that a perfect model explains."""
+    rng = np.random.default_rng(seed)
+    shares = []
+    for _ in range(count):
+        judgments, _ = world.draw_scenes(rng)
+        shares.append(explained_share(world.answers(judgments, rng), judgments[None])[0])
+    return float(np.nanmean(shares))
+
+
+def coverage_of_reliability(world: World, count: int, seed: int = 0) -> dict[str, float]:
+    """Share of studies whose intervals over scenes hold reliability, split half, and share."""
+    rng = np.random.default_rng(seed)
+    held: dict[str, list[bool]] = {"reliability": [], "split_half": [], "explained": []}
+    for _ in range(count):
+        people = world.people(rng)
+        many = [world.draw_scenes(rng, 600) for _ in range(10)]
+        known = np.mean(
+            [_reliability_of(world.answers(j, rng, people), m) for j, m in many], axis=0
+        )
+        judgments, models = world.draw_scenes(rng)
+        responses = world.answers(judgments, rng, people)
+        halves = split_half(responses, rng, 200)
+        measures: dict[str, Callable[[Array], Array]] = {
+            "reliability": lambda w, r=responses: SHARE.there(reliability(r, w))[:, None],
+            "split_half": lambda w, h=halves: fisher_z(h.mean_correlations(w))[:, None],
+        }
+        for k, (name, measure) in enumerate(measures.items()):
+            found = jackknife(responses, lambda _, w, measure=measure: measure(w), "scenes")
+            low, high = found.interval(LEVEL)
+            held[name].append(bool(low[0] <= known[k] <= high[0]))
+        low, high = explained_interval(responses, models, LEVEL)
+        held["explained"].append(bool(low[0] <= known[2] <= high[0]))
+    return {name: float(np.mean(each)) for name, each in held.items()}
+
+
+def _reliability_of(responses: Array, models: Array) -> Array:
+    halves = split_half(responses, np.random.default_rng(0), 100)
+    once = np.ones((1, responses.shape[1]))
+    return np.array(
+        [
+            SHARE.there(reliability(responses)),
+            fisher_z(halves.mean_correlations(once)[0]),
+            explained_share(responses, models)[0],
+        ]
+    )
+
+
+def guessers(world: World, count: int, seed: int = 0, shared: float = 0.0) -> dict[str, float]:
+    """People whose answers have nothing to do with the truth: who is said to beat chance.
+
+    Parameters
+    ----------
+    world
+        Where studies come from.
+    count
+        How many.
+    seed
+        Source of randomness.
+    shared
+        Correlation of people's answers with a heuristic that all share.
+    """
+    rng = np.random.default_rng(seed)
+    beat, ks, permuted = [], [], []
+    for _ in range(count):
+        heuristic = norm.cdf(shared * rng.standard_normal(world.scenes))
+        truth, _ = world.draw_scenes(rng)
+        found = against_null(world.answers(heuristic, rng), truth, rng, draws=1000)
+        beat.append(float((found.p < 1.0 - LEVEL).mean()))
+        ks.append(found.ks_p < 1.0 - LEVEL)
+        permuted.append(found.permutation_p < 1.0 - LEVEL)
+    return {
+        "beat": float(np.mean(beat)),
+        "ks": float(np.mean(ks)),
+        "permuted": float(np.mean(permuted)),
+    }
+
+
+POPULATIONS = {
+    "as simulated": Population(),
+    "all alike": Population(slope_sd=0.0, bias_sd=0.0),
+    "levels differ much (0.15)": Population(bias_sd=0.15),
+    "slopes differ much (0.25)": Population(slope_sd=0.25),
+    "noisy (precision 1.5)": Population(precision=1.5),
+}
+
+
+def percent(share: float) -> str:
+    return f"{100 * share:.1f}"
+
+
+def table(heads: list[str], rows: list[list[str]]) -> str:
+    lines = [heads, ["---"] * len(heads), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+OVERS: tuple[Over, ...] = ("participants", "scenes", "both")
+
+
+def sized() -> Iterator[tuple[str, int, int]]:
+    """Sizes of studies, in words and numbers."""
+    for people, scenes in SIZES:
+        yield f"{people} x {scenes}", people, scenes
+
+
+def table_of_r(count: int) -> str:
+    rows = []
+    for size, people, scenes in sized():
+        for near in NEARNESS:
+            world = World(people, scenes, 3 * (near,))
+            held = [coverage_of_agreement(world, over, count)["r"] for over in OVERS]
+            rows.append([size, f"{near:g}", *map(percent, held)])
+    return table(["study", "nearness", *(f"over {over}" for over in OVERS)], rows)
+
+
+def table_of_other_measures(count: int) -> str:
+    rows = []
+    for size, people, scenes in sized():
+        for over in OVERS:
+            held = coverage_of_agreement(World(people, scenes, 3 * (0.9,)), over, count)
+            pair = coverage_of_differences(World(people, scenes, (0.95, 0.9)), over, count)
+            rows.append([size, over, *(percent(held[m]) for m in MEASURES[1:]), percent(pair)])
+    return table(["study", "over", *MEASURES[1:], "difference in r"], rows)
+
+
+def table_of_reliability(count: int) -> str:
+    rows = []
+    for size, people, scenes in sized():
+        held = coverage_of_reliability(World(people, scenes), count)
+        rows.append([size, *map(percent, held.values())])
+    return table(["study", "reliability, ceiling", "split half", "explained share"], rows)
+
+
+def table_of_stars(count: int) -> str:
+    rows = []
+    for size, people, scenes in sized():
+        for over in ("both", "participants"):
+            for near in (0.6, 0.9):
+                stars = false_stars(World(people, scenes, MODELS * (near,)), over, count)
+                rows.append([size, over, f"{near:g}", *map(percent, stars)])
+    return table(["study", "over", "nearness", "any pair (Holm)", "a single pair, p < .05"], rows)
+
+
+def table_of_perfect_models(count: int) -> str:
+    rows = []
+    for name, population in POPULATIONS.items():
+        worlds = [
+            World(people, scenes, population=population, answered=answered)
+            for people, scenes in SIZES
+            for answered in (1.0, 0.5)
+        ]
+        rows.append([name, *(f"{perfect_share(world, count):.3f}" for world in worlds)])
+    heads = [f"{size}, {what}" for size, _, _ in sized() for what in ("all answered", "half")]
+    return table(["people", *heads], rows)
+
+
+def table_of_guessers(count: int) -> str:
+    rows = []
+    for size, people, scenes in sized():
+        for shared, answered in ((0.0, 1.0), (0.0, 0.5), (0.0, 0.2), (0.7, 1.0)):
+            found = guessers(World(people, scenes, answered=answered), count, shared=shared)
+            what = "share a heuristic" if shared else f"{100 * answered:g} % of the scenes each"
+            rows.append([size, what, *map(percent, found.values())])
+    return table(["study", "who", "participants", "Kolmogorov-Smirnov", "scenes permuted"], rows)
+
+
+SECTIONS: tuple[tuple[str, Callable[[int], str]], ...] = (
+    ("## Intervals: how often they hold the truth (%)\n\nr, by how a model's judgments correlate "
+     "with what is in the heads:", table_of_r),
+    ("The other measures (of a model of 0.9), and the difference of two models (0.95 and 0.9):",
+     table_of_other_measures),
+    ("Over scenes, for the people who answered:", table_of_reliability),
+    (f"## {MODELS} equally good models: how often some pair is starred (%)\n\n`--over "
+     "participants` is about these scenes only, on which models that are equally good elsewhere "
+     "do differ.",
+     table_of_stars),
+    ("## What a perfect model explains of the explainable variance", table_of_perfect_models),
+    ("## Guessers: how often they are said to beat chance (%)\n\nOf single participants (5 % by "
+     "chance), by the paper's test of all, and by permuting scenes:", table_of_guessers),
+)  # fmt: skip
+
+
+def main() -> None:
+    """Print the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--studies", type=int, default=400)
+    count = parser.parse_args().studies
+    margin = 196.0 * (LEVEL * (1.0 - LEVEL) / count) ** 0.5
+    print(HEAD.format(studies=count, low=95.0 - margin, high=95.0 + margin))
+    for words, make in SECTIONS:
+        print(f"{words}\n\n{make(count)}\n")
+
+
+if __name__ == "__main__":
+    main()
