@@ -4,7 +4,15 @@ import pytest
 
 from pourcast.errors import InputError
 from pourcast.scenes.goals.cup import Cup
-from pourcast.study.responses import arrange, exclude, read_responses, remarks
+from pourcast.study.responses import (
+    PERCENT,
+    arrange,
+    blanks,
+    exclude,
+    read_responses,
+    remarks,
+    scale_of,
+)
 from tests.make import ramp_scene
 
 
@@ -92,15 +100,14 @@ def test_blank_lines_are_no_rows_but_count(tmp_path):
 @pytest.mark.parametrize(
     ("column", "value", "said"),
     [
-        ("response", 1.2, "row 9, column response: expected 0..1, found 1.2"),
-        ("response", -0.1, "row 9, column response: expected 0..1, found -0.1"),
+        ("response", 1.2, r"row 9, column response: expected 0..1 \(.*\), found 1.2"),
+        ("response", -0.1, r"row 9, column response: expected 0..1 \(.*\), found -0.1"),
         (
             "response",
             63,
-            r"row 9, column response: expected 0..1 \(in percent\? add --percent\), found 63",
+            r"expected 0..1 \(on another scale\? say which, such as --scale 0-100\), found 63",
         ),
         ("response", "left", "row 9, column response: expected a number, found 'left'"),
-        ("response", None, "row 9, column response: expected a number, found nan"),
         ("participant", None, "row 9, column participant: expected a name"),
         ("scene", "s9", "row 9, column scene: expected a scene of the study .*did you mean 's"),
         ("liquid", "oil", "row 9, column liquid: there is no 'oil'"),
@@ -120,13 +127,112 @@ def test_a_bad_cell_is_named_by_row_and_column(tmp_path, column, value, said):
 def test_percent(tmp_path):
     table = good().assign(response=lambda t: 100 * t["response"])
     path = written(tmp_path, table)
-    with pytest.raises(InputError, match=r"add --percent.*more rows"):
+    with pytest.raises(InputError, match=r"--scale 0-100.*more rows"):
         read_responses(path, scenes())
-    found = arrange(read_responses(path, scenes(), percent=True), scenes(), "")
+    found = arrange(read_responses(path, scenes(), scale=PERCENT), scenes(), "")
     assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
     bad = written(tmp_path, table.assign(response=lambda t: t["response"] + 50))
     with pytest.raises(InputError, match=r"expected 0\.\.100, found 1"):
-        read_responses(bad, scenes(), percent=True)
+        read_responses(bad, scenes(), scale=PERCENT)
+
+
+# As programs and spreadsheets write tables -------------------------------------------------
+
+
+WAYS = {
+    "decimal commas": lambda t: t.to_csv(index=False, sep=";", decimal=",").encode(),
+    "semicolons": lambda t: t.to_csv(index=False, sep=";").encode(),
+    "UTF-16 with tabs": lambda t: t.to_csv(index=False, sep="\t").encode("utf-16"),
+    "byte-order mark": lambda t: t.to_csv(index=False).encode("utf-8-sig"),
+    "Windows-1252": lambda t: t.assign(remark="caf\u00e9").to_csv(index=False).encode("cp1252"),
+    "percent signs": lambda t: (
+        t.assign(response=[f"{100 * r:.9f}%" for r in t["response"]]).to_csv(index=False).encode()
+    ),
+    "quoted commas": lambda t: t.rename(columns={"rt": "rt, in s"}).to_csv(index=False).encode(),
+    "phase with a capital": lambda t: t.assign(phase="Test ").to_csv(index=False).encode(),
+}
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [
+        ("decimal commas", "separated by semicolons, with decimal commas"),
+        ("semicolons", "separated by semicolons"),
+        ("UTF-16 with tabs", "UTF-16, separated by tabs"),
+        ("byte-order mark", ""),
+        ("Windows-1252", "Windows-1252"),
+        ("percent signs", ""),
+        ("quoted commas", ""),
+        ("phase with a capital", ""),
+    ],
+)
+def test_a_table_is_read_however_it_is_written_and_that_is_told(tmp_path, how, told):
+    path = tmp_path / "r.csv"
+    path.write_bytes(WAYS[how](good()))
+    table = read_responses(path, scenes())
+    assert table.attrs["read_as"] == told
+    found = arrange(table, scenes(), "")
+    assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
+
+
+def test_names_that_look_like_nothing_are_names(tmp_path):
+    names = {f"p{k}": name for k, name in enumerate(["NA", "nan", "None", "007", "null"])}
+    table = good().assign(participant=lambda t: t["participant"].map(names))
+    found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "")
+    assert set(found[0].participants) == set(names.values())
+
+
+def test_one_name_in_two_forms_of_unicode_is_one_person(tmp_path):
+    table = good().astype({"participant": object})
+    rows = table["participant"] == "p0"
+    table.loc[rows, "participant"] = ["Jos\u00e9", "Jose\u0301", "Jos\u00e9"]
+    found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "")
+    assert len(found[0].participants) == 5
+
+
+@pytest.mark.parametrize("blank", [None, "NA", "nan"])
+def test_a_blank_response_is_missing_and_counted(tmp_path, blank):
+    table = good().astype({"response": object})
+    table.loc[7, "response"] = blank
+    found = arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "")
+    assert np.isnan(found[0].responses).sum() == 1
+    assert any("p2 (1)" in line for line in remarks(found, scenes()))
+
+
+def test_who_gave_no_answer_at_all_is_no_participant_but_is_told_of(tmp_path):
+    table = good()
+    table.loc[table["participant"] == "p1", "response"] = np.nan
+    read = read_responses(written(tmp_path, table), scenes())
+    assert arrange(read, scenes(), "")[0].participants == ("p0", "p2", "p3", "p4")
+    assert blanks(read) == [
+        "3 test trials have no response: they count as missing",
+        "without any response, and so no participants: p1",
+    ]
+    table["response"] = np.nan
+    with pytest.raises(InputError, match="no response"):
+        arrange(read_responses(written(tmp_path, table), scenes()), scenes(), "r.csv")
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 10), (-1, 1), (0, 100), (1, 7)])
+def test_any_scale_is_taken_if_it_is_said(tmp_path, low, high):
+    table = good().assign(response=lambda t: low + (high - low) * t["response"])
+    scale = scale_of(f"{low}..{high}")
+    found = arrange(read_responses(written(tmp_path, table), scenes(), scale=scale), scenes(), "")
+    assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
+
+
+def test_a_scale_that_does_not_fit_is_refused(tmp_path):
+    with pytest.raises(
+        InputError, match=r"expected 0\.\.100, found nothing above 0\.\d+: are these"
+    ):
+        read_responses(written(tmp_path, good()), scenes(), scale=PERCENT)
+    mixed = good().astype({"response": object})
+    mixed.loc[3, "response"] = "63%"
+    with pytest.raises(InputError, match="expected a percent sign, as in other rows"):
+        read_responses(written(tmp_path, mixed), scenes())
+    for text in ("0", "100-0", "a-b", ""):
+        with pytest.raises(InputError, match="scale: expected LOW-HIGH"):
+            scale_of(text)
 
 
 @pytest.mark.parametrize(

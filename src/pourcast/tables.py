@@ -1,6 +1,8 @@
 """Tables as files: CSV or Parquet, by the extension; read, checked and written here alone."""
 
+import codecs
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,17 @@ from pourcast.errors import InputError
 from pourcast.files import replacing
 
 TABLE_SUFFIXES = (".csv", ".parquet")
+
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+"""What separates the columns of a CSV file, and in words; of as many, the first."""
+
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16",
+}  # fmt: skip
+_ENCODINGS = {"utf-16": "UTF-16", "cp1252": "Windows-1252"}
+MISSING = ("", "NA", "N/A", "n/a", "NaN", "nan", "null", "NULL", "None", "#N/A")
+"""What programs write where there is no value; a name may be any of them."""
+_DECIMAL_COMMA, _DECIMAL_POINT = r"\s*[-+]?\d*,\d+\s*", r"\s*[-+]?\d*\.\d+\s*"
 
 FIRST_ROW = 2
 """Row of a spreadsheet or text editor that a table's first row stands in, after the header."""
@@ -30,13 +43,16 @@ def check_table_path(path: Path) -> None:
 def read_table(path: Path, *, text: Sequence[str] = (), verbatim: bool = False) -> pd.DataFrame:
     """Read a table, a .csv or .parquet file.
 
+    A CSV file may be written as programs and spreadsheets do: in UTF-8, UTF-16 or Windows-1252,
+    separated by commas, semicolons or tabs, with decimal points or commas.
+
     Parameters
     ----------
     path
         The file.
     text
-        Columns of a CSV file that hold text, even where it looks like a number. (Names such
-        as ``0123`` would lose their zero.)
+        Columns of a CSV file that hold text, even where it looks like a number (names such
+        as ``0123`` would lose their zero) or like nothing (a participant called ``NA``).
     verbatim
         All columns of a CSV file hold text, empty cells are empty text, and blank lines are
         left out: what is written back is what was read.
@@ -45,7 +61,8 @@ def read_table(path: Path, *, text: Sequence[str] = (), verbatim: bool = False) 
     -------
     DataFrame
         Blank lines of a CSV file are rows without values: row k stands in line
-        k + `FIRST_ROW`, unless it is read verbatim.
+        k + `FIRST_ROW`, unless it is read verbatim. `attrs["read_as"]` says in words how it was
+        read, if not as UTF-8 with commas and points.
 
     Raises
     ------
@@ -57,14 +74,65 @@ def read_table(path: Path, *, text: Sequence[str] = (), verbatim: bool = False) 
     try:
         if path.suffix.lower() == ".parquet":
             return pd.read_parquet(path)
-        kinds = str if verbatim else dict.fromkeys(text, str)
-        return pd.read_csv(
-            path, dtype=kinds, keep_default_na=not verbatim, skip_blank_lines=verbatim
-        )
+        return _read_csv(path.read_bytes(), text, verbatim)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except ValueError as error:
         raise InputError(f"{path}: not a table ({' '.join(str(error).split())})") from None
+
+
+def _read_csv(content: bytes, text: Sequence[str], verbatim: bool) -> pd.DataFrame:
+    encoding = _encoding(content)
+    characters = content.decode(encoding)
+    header = characters.split("\n", 1)[0]
+    outside_quotes = "".join(header.split('"')[::2])
+    separator = max(SEPARATORS, key=outside_quotes.count)
+    if verbatim:
+        table = pd.read_csv(
+            StringIO(characters), sep=separator, dtype=str, keep_default_na=False,
+            skip_blank_lines=True,
+        )  # fmt: skip
+    else:
+        table = _with_numbers(characters, separator, text)
+    said = [
+        *([_ENCODINGS[encoding]] if encoding in _ENCODINGS else []),
+        *([f"separated by {SEPARATORS[separator]}"] if separator != "," else []),
+        *(["with decimal commas"] if table.attrs.pop("decimal", ".") == "," else []),
+    ]
+    table.attrs["read_as"] = ", ".join(said)
+    return table
+
+
+def _with_numbers(characters: str, separator: str, text: Sequence[str]) -> pd.DataFrame:
+    """A table whose columns are numbers where all their values are."""
+    raw = pd.read_csv(
+        StringIO(characters), sep=separator, dtype=str, keep_default_na=False, na_values=[""],
+        skip_blank_lines=False,
+    )  # fmt: skip
+    others = [name for name in raw.columns if name not in text]
+    values = raw[others].melt()["value"].dropna().astype(str)
+    commas = separator != "," and values.str.fullmatch(_DECIMAL_COMMA).any()
+    decimal = "," if commas and not values.str.fullmatch(_DECIMAL_POINT).any() else "."
+    table = pd.read_csv(
+        StringIO(characters), sep=separator, decimal=decimal, dtype=dict.fromkeys(text, str),
+        keep_default_na=False, na_values={name: [""] for name in text}
+        | {name: list(MISSING) for name in others},
+        skip_blank_lines=False,
+    )  # fmt: skip
+    table.attrs["decimal"] = decimal
+    return table
+
+
+def _encoding(content: bytes) -> str:
+    """How a file's text is encoded: by its first bytes, else UTF-8 if it is that."""
+    for mark, encoding in _MARKS.items():
+        if content.startswith(mark):
+            return encoding
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
 
 
 def require_columns(path: Path, table: pd.DataFrame, columns: Sequence[str]) -> None:

@@ -33,7 +33,10 @@ ResponsesOption = Annotated[
     Path | None,
     typer.Option("--responses", metavar="FILE", help="Responses (.csv, .parquet) [the study's]."),
 ]
-PercentOption = Annotated[bool, typer.Option("--percent", help="The responses are 0..100.")]
+ScaleOption = Annotated[
+    str,
+    typer.Option(metavar="LOW-HIGH", help="Scale of a table's responses, such as 0-100 or -1..1."),
+]
 ExcludeOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -55,7 +58,7 @@ BayesOption = Annotated[
 def _options(
     responses: Path | None,
     model: list[str] | None,
-    percent: bool,
+    scale: str,
     exclude: list[str] | None,
     over: Over,
     seed: int,
@@ -65,11 +68,12 @@ def _options(
     from pourcast.comparison.agreement import Settings
     from pourcast.comparison.choice import read_choice
     from pourcast.comparison.compare import ComparisonOptions
+    from pourcast.study.responses import scale_of
 
     return ComparisonOptions(
         responses=responses,
         models=tuple(model or ()),
-        percent=percent,
+        scale=scale_of(scale),
         exclude=tuple(exclude or ()),
         settings=Settings(over.value, seed=seed),
         carried=None if carry_from is None else read_choice(carry_from),
@@ -82,7 +86,7 @@ def compare(
     study: StudyArgument,
     responses: ResponsesOption = None,
     model: ModelOption = None,
-    percent: PercentOption = False,
+    scale: ScaleOption = "0-1",
     exclude: ExcludeOption = None,
     over: OverOption = Over.BOTH,
     carry_from: CarryOption = None,
@@ -105,7 +109,7 @@ def compare(
 
     if out is not None:
         check_writable(out / "agreement.csv")
-    options = _options(responses, model, percent, exclude, over, seed, carry_from, bayes)
+    options = _options(responses, model, scale, exclude, over, seed, carry_from, bayes)
     with progress_bar() as report:
         found = compare_study(study, options, report)
     tables = found.marked_tables()
@@ -114,7 +118,14 @@ def compare(
             write_table(out / f"{name}.csv", table)
     if as_json:
         rows = {name: records(table) for name, table in tables.items()}
-        print_json({"simulated": found.simulated, "remarks": found.remarks, "tables": rows})
+        print_json(
+            {
+                "simulated": found.simulated,
+                "answers": found.answers,
+                "remarks": found.remarks,
+                "tables": rows,
+            }
+        )
         return
     _print_comparison(found)
     if out is not None:
@@ -145,6 +156,8 @@ def _print_comparison(found: "Comparison") -> None:
 
     if found.simulated:
         typer.echo("SIMULATED observers: this says nothing about people.\n")
+    for answer in found.answers:
+        typer.echo(answer)
     for one in found.exclusions:
         who = f", participants {', '.join(one.participants)}" if one.participants else ""
         typer.echo(f"excluded by {one.rule}: {one.trials} trials{who}")
@@ -193,7 +206,7 @@ def report(
     study: StudyArgument,
     responses: ResponsesOption = None,
     model: ModelOption = None,
-    percent: PercentOption = False,
+    scale: ScaleOption = "0-1",
     exclude: ExcludeOption = None,
     over: OverOption = Over.BOTH,
     carry_from: CarryOption = None,
@@ -217,7 +230,7 @@ def report(
     from pourcast.study.folder import study_scenes
 
     folder = out or study / "report"
-    options = _options(responses, model, percent, exclude, over, seed, carry_from, bayes)
+    options = _options(responses, model, scale, exclude, over, seed, carry_from, bayes)
     study_scenes(study)
     check_writable(folder / "report.html")
     with progress_bar() as bar:
@@ -245,7 +258,7 @@ def reproduce(
         int | None, typer.Option("-n", "--scenes", min=3, help="How many [as the experiment has].")
     ] = None,
     responses: ResponsesOption = None,
-    percent: PercentOption = False,
+    scale: ScaleOption = "0-1",
     exclude: ExcludeOption = None,
     carry_from: CarryOption = None,
     with_convnet: Annotated[
@@ -266,10 +279,11 @@ def reproduce(
     """
     from pourcast.report.reproduction import Reproduction
     from pourcast.report.reproduction import reproduce as run
+    from pourcast.study.responses import scale_of
 
     wanted = Reproduction(
-        experiment, quick, seed, scenes, responses, carry_from, tuple(exclude or ()), percent,
-        with_convnet, convnet_scenes,
+        experiment, quick, seed, scenes, responses, carry_from, tuple(exclude or ()),
+        scale_of(scale), with_convnet, convnet_scenes,
     )  # fmt: skip
     with resumable(out), progress_bar() as bar:
         found, page = run(out, wanted, workers, bar)

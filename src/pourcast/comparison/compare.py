@@ -9,6 +9,7 @@ import pandas as pd
 
 from pourcast.comparison import agreement, choice, stimulus, window
 from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
+from pourcast.comparison.answer import answers
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
@@ -21,7 +22,15 @@ from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
 from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
-from pourcast.study.responses import Exclusion, arrange, exclude, remarks
+from pourcast.study.responses import (
+    SHARES,
+    Exclusion,
+    Scale,
+    arrange,
+    blanks,
+    exclude,
+    remarks,
+)
 from pourcast.sweep.judgments import (
     Judgments,
     LiquidAndModel,
@@ -44,8 +53,8 @@ class ComparisonOptions:
         Table of responses; by default the only one in the study's folder.
     models
         Model specs; the paper's presets by default.
-    percent
-        The responses are 0..100.
+    scale
+        Of the responses in a table.
     exclude
         Rules; see `responses.exclude`.
     settings
@@ -58,7 +67,7 @@ class ComparisonOptions:
 
     responses: Path | None = None
     models: tuple[str, ...] = ()
-    percent: bool = False
+    scale: Scale = SHARES
     exclude: tuple[str, ...] = ()
     settings: Settings = field(default_factory=Settings)
     carried: pd.DataFrame | None = None
@@ -110,6 +119,11 @@ class Comparison:
     remarks: tuple[str, ...]
     individuals: Individuals
     tables: dict[str, pd.DataFrame]
+
+    @property
+    def answers(self) -> list[str]:
+        """Which model is nearest to people, and how sure that is; a line a liquid."""
+        return answers(self.tables, self.settings.level)
 
     def marked_tables(self) -> dict[str, pd.DataFrame]:
         """The tables; if observers were simulated, with a column that says so."""
@@ -164,8 +178,8 @@ def compare_study(
     scenes = study_scenes(study)
     if options.bayes:
         require_extra("bayes")
-    table, path = study_responses(study, options.responses, scenes, percent=options.percent)
-    settings = options.settings
+    table, path = study_responses(study, options.responses, scenes, scale=options.scale)
+    settings, read_as = options.settings, table.attrs.get("read_as", "")
     table, exclusions = exclude(table, options.exclude)
     trials = arrange(table, scenes, str(path))
     for one in trials:
@@ -233,7 +247,9 @@ def compare_study(
         pours=tuple(_pours(scenes, wanted, own)),
         exclusions=tuple(exclusions),
         remarks=(
+            *([f"{path.name} was read as {read_as}"] if read_as else []),
             *_models_remarks(specs, labels, own),
+            *blanks(table),
             *remarks(trials, scenes),
             *_doubts(tables, judged, people, individuals, settings),
         ),

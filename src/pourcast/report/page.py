@@ -66,7 +66,7 @@ def write_report(
     comparison
         From `comparison.compare.compare_study`.
     folder
-        Where to: `report.html`, `figures/`, `films/`, `tables/`.
+        Where to: `report.html`, `results.json`, `figures/`, `films/`, `tables/`.
     options
         What it is to hold.
     report
@@ -93,9 +93,29 @@ def write_report(
         if shown.table is not None:
             flagged = shown.table.rename(columns=str).assign(simulated=True)
             write_table(folder / "tables" / f"{shown.name}.csv", flagged)
+    write_text(folder / "results.json", results_json(comparison))
     page = folder / "report.html"
     write_text(page, _render(comparison, figures, films, folder))
     return page
+
+
+def results_json(comparison: Comparison) -> str:
+    """Everything that the tables say, and what they were made from, for programs."""
+    tables = {
+        name: json.loads(table.to_json(orient="records", double_precision=15))
+        for name, table in comparison.tables.items()
+        if name not in ONLY_IN_FILES
+    }
+    content = {
+        "simulated": comparison.simulated,
+        "over": comparison.settings.over,
+        "level": comparison.settings.level,
+        "answers": comparison.answers,
+        "remarks": list(comparison.remarks),
+        "tables": tables,
+        "provenance": dict(provenance(comparison)),
+    }
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _render(

@@ -25,7 +25,7 @@ from pourcast.report.page import Options, write_report
 from pourcast.scenes.scene import Scene
 from pourcast.study.experiments.registry import EXPERIMENTS
 from pourcast.study.folder import SceneRequest, open_study
-from pourcast.study.responses import Trials, arrange, exclude
+from pourcast.study.responses import SHARES, Scale, Trials, arrange, exclude
 from pourcast.sweep.grid import Grid, experiment_grid, parse_grid, read_grid
 from pourcast.sweep.judgments import study_judgments, sweep_in_study, sweep_words
 from pourcast.sweep.table import write_judgments
@@ -69,7 +69,7 @@ class Reproduction:
         People's responses; simulated observers answer without.
     carry_from
         An Experiment 1 that was reproduced before: its parameters are carried over.
-    exclude, percent
+    exclude, scale
         As for `comparison.compare.ComparisonOptions`.
     with_convnet
         Whether to train networks, and compare them, too.
@@ -84,7 +84,7 @@ class Reproduction:
     responses: Path | None = None
     carry_from: Path | None = None
     exclude: tuple[str, ...] = ()
-    percent: bool = False
+    scale: Scale = SHARES
     with_convnet: bool = False
     convnet_scenes: int | None = None
 
@@ -137,7 +137,7 @@ def reproduce(
         responses = rehearse(folder, scenes, observers, report=report)
     request = ComparisonOptions(
         responses=responses, models=(*(experiment.models or complete_presets()), *networks),
-        percent=wanted.percent, exclude=wanted.exclude, settings=Settings(seed=wanted.seed),
+        scale=wanted.scale, exclude=wanted.exclude, settings=Settings(seed=wanted.seed),
         carried=carried,
     )  # fmt: skip
     trials = _trials(folder, wanted, responses, scenes)
@@ -162,7 +162,7 @@ def _networks(folder: Path, wanted: Reproduction, workers: int | None, report: R
 def _trials(
     folder: Path, wanted: Reproduction, responses: Path, scenes: Sequence[Scene]
 ) -> list[Trials]:
-    table, source = study_responses(folder, responses, scenes, percent=wanted.percent)
+    table, source = study_responses(folder, responses, scenes, scale=wanted.scale)
     return arrange(exclude(table, wanted.exclude)[0], scenes, str(source))
 
 

@@ -6,10 +6,12 @@ are not compared), `rt` [s], `mirrored` (the scene was shown in a mirror), `corr
 attention checks), `simulated`. Any other column is left alone.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 import numpy as np
 import pandas as pd
@@ -23,6 +25,43 @@ from pourcast.study.experiments.base import Experiment
 from pourcast.tables import FIRST_ROW, numbers_in, read_table, refuse_rows, require_columns
 
 REQUIRED = ("participant", "scene", "liquid", "response")
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What the least and the most that can be answered stand as in a table."""
+
+    low: float
+    high: float
+
+    @property
+    def words(self) -> str:
+        """The range, as messages have it."""
+        return f"{self.low:g}..{self.high:g}"
+
+
+SHARES, PERCENT = Scale(0.0, 1.0), Scale(0.0, 100.0)
+
+
+def scale_of(text: str) -> Scale:
+    """A scale as a user writes it.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+
+    Examples
+    --------
+    >>> scale_of("0-100"), scale_of("-1..1")
+    (Scale(low=0.0, high=100.0), Scale(low=-1.0, high=1.0))
+    """
+    number = r"[-+]?\d+(?:\.\d+)?"
+    found = re.fullmatch(rf"\s*({number})\s*(?:-|\.\.|:)\s*({number})\s*", text)
+    if found is None or not float(found[1]) < float(found[2]):
+        raise InputError(f"scale: expected LOW-HIGH, such as 0-100 or -1..1, found {text!r}")
+    return Scale(float(found[1]), float(found[2]))
+
 
 TEST, ATTENTION = "test", "attention"
 """Phases: trials that are compared, and attention checks."""
@@ -77,16 +116,18 @@ def read_responses(
     path: Path,
     scenes: Sequence[Scene],
     *,
-    percent: bool = False,
+    scale: Scale = SHARES,
     own: Sequence[Liquid] = (),
     experiment: Experiment | None = None,
 ) -> pd.DataFrame:
     """Read a table of responses, a .csv or .parquet file, and check every row.
 
-    See `check_responses`.
+    See `check_responses`; `attrs["read_as"]` is that of `tables.read_table`.
     """
-    table = read_table(path, text=("participant", "scene"))
-    return check_responses(table, path, scenes, percent=percent, own=own, experiment=experiment)
+    table = read_table(path, text=("participant", "scene", "liquid", "phase"))
+    checked = check_responses(table, path, scenes, scale=scale, own=own, experiment=experiment)
+    checked.attrs["read_as"] = table.attrs.get("read_as", "")
+    return checked
 
 
 def check_responses(
@@ -94,7 +135,7 @@ def check_responses(
     path: Path,
     scenes: Sequence[Scene],
     *,
-    percent: bool = False,
+    scale: Scale = SHARES,
     own: Sequence[Liquid] = (),
     experiment: Experiment | None = None,
 ) -> pd.DataFrame:
@@ -110,8 +151,8 @@ def check_responses(
         The study's scenes.
     own
         The study's own liquids.
-    percent
-        The responses are 0..100, not 0..1.
+    scale
+        What the least and the most that can be answered stand as; 0 and 1 by default.
     experiment
         The study's experiment: liquids that it shows others in place of are refused.
 
@@ -119,7 +160,7 @@ def check_responses(
     -------
     DataFrame
         The file's columns; `phase` and `simulated` filled in, `liquid` as the judgments'
-        tables name it, responses in 0..1, and `row`, that of the file.
+        tables name it, responses in 0..1 (NaN where none was given), and `row`, that of the file.
 
     Raises
     ------
@@ -135,14 +176,11 @@ def check_responses(
         _refuse(path, table, name, table[name].isna(), "expected a name")
         table[name] = table[name].map(_text)
     default = pd.Series(TEST, index=table.index, dtype=object)
-    table["phase"] = table["phase"].fillna(TEST) if "phase" in table else default
+    table["phase"] = table["phase"].fillna(TEST).map(_phase) if "phase" in table else default
     table["simulated"] = _flags(path, table, "simulated")
     table["mirrored"] = _flags(path, table, "mirrored")
     judged = table["phase"] == TEST
-    table["response"] = _numbers(path, table, "response", needed=judged)
-    if percent:
-        table["response"] = table["response"] / 100.0
-    _check_range(path, table, percent=percent)
+    table["response"] = _shares(path, table, judged, scale)
     if "rt" in table:
         table["rt"] = _numbers(path, table, "rt")
     return _with_known_scenes(path, table, scenes, own, experiment)
@@ -150,7 +188,12 @@ def check_responses(
 
 def _text(value: Any) -> str:
     whole = isinstance(value, float) and value.is_integer()
-    return str(int(value)) if whole else str(value).strip()
+    # One name may be written in two forms of Unicode.
+    return str(int(value)) if whole else normalize("NFC", str(value).strip())
+
+
+def _phase(value: Any) -> str:
+    return str(value).strip().lower()
 
 
 def _refuse(
@@ -176,13 +219,27 @@ def _flags(path: Path, table: pd.DataFrame, column: str) -> "pd.Series[bool]":
     return words.map(known).astype(bool)
 
 
-def _check_range(path: Path, table: pd.DataFrame, *, percent: bool) -> None:
-    responses = table["response"]
-    outside = (responses < 0.0) | (responses > 1.0)
-    if outside.any() and not percent and responses.min() >= 0.0 and 2.0 < responses.max() <= 100.0:
-        _refuse(path, table, "response", outside, "expected 0..1 (in percent? add --percent)")
-    shown = table.assign(response=100.0 * responses) if percent else table
-    _refuse(path, shown, "response", outside, "expected 0..100" if percent else "expected 0..1")
+def _shares(
+    path: Path, table: pd.DataFrame, judged: "pd.Series[bool]", scale: Scale
+) -> "pd.Series[float]":
+    """Responses as shares; NaN where none was given (a trial that timed out)."""
+    written = table["response"].map(lambda value: str(value).strip(), na_action="ignore")
+    signs = written.map(lambda value: str(value).endswith("%")).astype(bool)
+    plain = judged & written.notna() & ~signs
+    if signs.any():
+        _refuse(path, table, "response", plain, "expected a percent sign, as in other rows")
+        table, scale = table.assign(response=written.str.rstrip("% ")), PERCENT
+    values = _numbers(path, table, "response")
+    shown = table.assign(response=values)
+    outside = (values < scale.low) | (values > scale.high)
+    hint = "" if scale != SHARES else " (on another scale? say which, such as --scale 0-100)"
+    _refuse(path, shown, "response", outside, f"expected {scale.words}{hint}")
+    if scale.high > 1.0 and not signs.any() and values[judged].max() <= 1.0:
+        raise InputError(
+            f"{path}: column response: expected {scale.words}, found nothing above "
+            f"{values[judged].max():g}: are these 0..1 already?"
+        )
+    return (values - scale.low) / (scale.high - scale.low)
 
 
 def _with_known_scenes(
@@ -355,7 +412,9 @@ def arrange(table: pd.DataFrame, scenes: Sequence[Scene], source: str) -> list[T
     InputError
         If a participant answered a trial twice.
     """
-    test = table[table["phase"] == TEST]
+    test = table[(table["phase"] == TEST) & table["response"].notna()]
+    if test.empty:
+        raise InputError(f"{source}: no response to any test trial")
     keys = ["participant", "scene", "liquid"]
     again = test[test.duplicated(keys, keep="first")]
     if len(again):
@@ -412,6 +471,26 @@ def remarks(trials: Sequence[Trials], scenes: Sequence[Scene]) -> list[str]:
                 f"{one.liquid}: always the same answer: {_listed(constant)}; they have no "
                 "correlation of their own (--exclude min-sd=... takes them out)"
             )
+    return found
+
+
+def blanks(table: pd.DataFrame) -> list[str]:
+    """What a reader should know of test trials without a response, such as timed-out ones.
+
+    Parameters
+    ----------
+    table
+        From `read_responses`.
+    """
+    test = table[table["phase"] == TEST]
+    blank = test["response"].isna()
+    if not blank.any():
+        return []
+    silent = blank.groupby(test["participant"]).all()
+    found = [f"{int(blank.sum())} test trials have no response: they count as missing"]
+    if silent.any():
+        names = [str(name) for name in silent.index[silent]]
+        found.append(f"without any response, and so no participants: {_listed(names)}")
     return found
 
 

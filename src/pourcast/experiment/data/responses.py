@@ -10,7 +10,7 @@ from pourcast.extras import require_extra
 from pourcast.files import finished_files
 from pourcast.scenes.scene import Scene
 from pourcast.study.folder import DATABASE, study_experiment, study_liquids
-from pourcast.study.responses import TEST, check_responses, read_responses
+from pourcast.study.responses import SHARES, TEST, Scale, check_responses, read_responses
 
 JOURNAL = "responses.jsonl"
 """The second copy of what the database has (`storage.journal`)."""
@@ -20,7 +20,7 @@ RESPONSES = "responses"
 
 
 def study_responses(
-    study: Path, path: Path | None, scenes: Sequence[Scene], *, percent: bool = False
+    study: Path, path: Path | None, scenes: Sequence[Scene], *, scale: Scale = SHARES
 ) -> tuple[pd.DataFrame, Path]:
     """The responses to a study, checked, and where they come from.
 
@@ -32,8 +32,8 @@ def study_responses(
         A table, or the database of the study's experiment; None for the study's only one.
     scenes
         The study's scenes.
-    percent
-        A table's responses are 0..100, not 0..1.
+    scale
+        Of a table's responses.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def study_responses(
     if source.suffix == ".sqlite":
         table = _collected(source)
         return check_responses(table, source, scenes, own=own, experiment=experiment), source
-    table = read_responses(source, scenes, percent=percent, own=own, experiment=experiment)
+    table = read_responses(source, scenes, scale=scale, own=own, experiment=experiment)
     return table, source
 
 

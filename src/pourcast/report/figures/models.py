@@ -132,8 +132,13 @@ def differences(table: pd.DataFrame, liquid: str) -> Figure:
         axes = figure.add_subplot()
         limit = float(np.nanmax(np.abs(matrix), initial=0.01))
         picture = axes.imshow(matrix, cmap="PuOr", vmin=-limit, vmax=limit)
-        for i, j in zip(*np.nonzero(holds), strict=True):
-            axes.text(j, i, "*", ha="center", va="center", fontsize=8)
+        for i, j in zip(*np.nonzero(np.isfinite(matrix)), strict=True):
+            dark = abs(matrix[i, j]) > 0.55 * limit
+            axes.text(
+                j, i, f"{matrix[i, j]:+.2f}{'*' if holds[i, j] else ''}".replace("0.", "."),
+                ha="center", va="center", fontsize=5.5, color="white" if dark else "black",
+                fontweight="bold" if holds[i, j] else "normal",
+            )  # fmt: skip
         axes.set(xticks=range(len(models)), yticks=range(len(models)))
         axes.set_xticklabels(models, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticklabels(models)
