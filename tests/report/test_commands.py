@@ -112,7 +112,7 @@ def test_recover_and_power(study, tmp_path, capsys):
         "-m",
         "water-simple",
         "--observers",
-        4,
+        6,
         "--studies",
         5,
     ]

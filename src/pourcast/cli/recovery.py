@@ -118,10 +118,10 @@ def power(
     study: StudyArgument,
     model: ModelOption = None,
     observers: Annotated[
-        list[int] | None, typer.Option(min=2, help="Participants; several [5, 10, 20, 40].")
+        list[int] | None, typer.Option(min=5, help="Participants; several [5, 10, 20, 40].")
     ] = None,
     scenes: Annotated[
-        list[int] | None, typer.Option("-n", "--scenes", min=3, help="Scenes; several [all].")
+        list[int] | None, typer.Option("-n", "--scenes", min=5, help="Scenes; several [all].")
     ] = None,
     studies: StudiesOption = 100,
     over: OverOption = Over.BOTH,

@@ -24,6 +24,7 @@ from pourcast.progress import Report
 from pourcast.report.figures import design, fits, models, people, scenes
 from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import mean_judgments
+from pourcast.statistics.jackknife import FEWEST
 from pourcast.statistics.observer import Population
 from pourcast.study.experiments.base import (
     observer_model,
@@ -53,7 +54,8 @@ CAPTIONS = {
     "model_recovery": "Model recovery, {liquid} trials: each model was planted in simulated "
     "observers; which one fits them best?",
     "power": "Power, {liquid} trials: chance that {first}, if it is in people's heads, is told "
-    "from {second} (difference in r, over participants and scenes, p < .05).",
+    "from {second} (difference in r, over participants and scenes, p < .05 for this pair alone). "
+    "Of more scenes than there are, some are drawn twice.",
     "zeta_recovery": "Recovery of zeta, {liquid} trials: each damping of {first} was planted in "
     "simulated observers; which one fits them best?",
 }
@@ -173,10 +175,11 @@ def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterat
     best, short = models.best_of_each_family(one, 2), called(one.trials.liquid)
     if len(best) < 2:
         return
+    people, scenes = one.trials.responses.shape
     table = power_table(
-        {name: one.models[name] for name in best}, observers=POWER_OBSERVERS,
-        scenes=[count for count in POWER_SCENES if count <= 2 * len(one.trials.scenes)]
-        or [len(one.trials.scenes)],
+        {name: one.models[name] for name in best},
+        observers=sorted({*POWER_OBSERVERS, max(FEWEST, people)}),
+        scenes=sorted({*(n for n in POWER_SCENES if n <= 2 * scenes), max(FEWEST, scenes)}),
         over="both", level=level, **common,
     )  # fmt: skip
     caption = CAPTIONS["power"].format(liquid=short, first=best[0], second=best[1])
