@@ -45,11 +45,17 @@ NEARNESS = (0.5, 0.9, 0.99, 1.0)
 
 MODELS = 11
 
+STEEP = 3.0
+SPREAD = {1.0: "even", STEEP: "mostly near 0 or 1"}
+"""Steepness of a world, in words."""
+
 HEAD = """# Error rates: how often the statistics are right
 
 Made by `python -m benchmarks.error_rates`: studies whose truth is known, [simulated
 observers](../explanation/statistics.md#simulated-observers), analysed as `compare` does by
-default. {studies} studies in each cell: a true 95 % shows as {low:.1f} to {high:.1f} %.
+default. {studies} studies in each cell: a true 95 % shows as {low:.1f} to {high:.1f} %. The
+truth is the mean of what is measured over studies of the same size: with other people (on the
+same scenes), on other scenes (with the same people), or both.
 """
 
 
@@ -67,6 +73,8 @@ class World:
         Who answers.
     answered
         Share of the scenes that each participant answers.
+    steepness
+        With 1, judgments are spread evenly over 0..1; with more, most are near 0 or 1.
     """
 
     participants: int
@@ -74,6 +82,7 @@ class World:
     nearness: tuple[float, ...] = (0.9,)
     population: Population = Population()  # noqa: RUF009 (frozen)
     answered: float = 1.0
+    steepness: float = 1.0
 
     def draw_scenes(self, rng: np.random.Generator, scenes: int = 0) -> tuple[Array, Array]:
         """What is in the heads, and each model's judgments."""
@@ -81,7 +90,8 @@ class World:
         depth = rng.standard_normal(count)
         near = np.array(self.nearness)[:, None]
         apart = np.sqrt(1.0 - near**2) * rng.standard_normal((len(near), count))
-        return norm.cdf(depth), norm.cdf(near * depth + apart)
+        steep = self.steepness
+        return norm.cdf(steep * depth), norm.cdf(steep * (near * depth + apart))
 
     def people(self, rng: np.random.Generator) -> Array:
         """Some participants: how they answer."""
@@ -256,6 +266,7 @@ POPULATIONS = {
     "all alike": Population(slope_sd=0.0, bias_sd=0.0),
     "levels differ much (0.15)": Population(bias_sd=0.15),
     "slopes differ much (0.25)": Population(slope_sd=0.25),
+    "slopes differ very much (0.5)": Population(slope_sd=0.5),
     "noisy (precision 1.5)": Population(precision=1.5),
 }
 
@@ -281,11 +292,12 @@ def sized() -> Iterator[tuple[str, int, int]]:
 def table_of_r(count: int) -> str:
     rows = []
     for size, people, scenes in sized():
-        for near in NEARNESS:
-            world = World(people, scenes, 3 * (near,))
+        cases = [(near, 1.0) for near in NEARNESS] + [(0.9, STEEP), (0.98, STEEP)]
+        for near, steep in cases:
+            world = World(people, scenes, 3 * (near,), steepness=steep)
             held = [coverage_of_agreement(world, over, count)["r"] for over in OVERS]
-            rows.append([size, f"{near:g}", *map(percent, held)])
-    return table(["study", "nearness", *(f"over {over}" for over in OVERS)], rows)
+            rows.append([size, f"{near:g}", SPREAD[steep], *map(percent, held)])
+    return table(["study", "nearness", "judgments", *(f"over {over}" for over in OVERS)], rows)
 
 
 def table_of_other_measures(count: int) -> str:
@@ -309,11 +321,15 @@ def table_of_reliability(count: int) -> str:
 def table_of_stars(count: int) -> str:
     rows = []
     for size, people, scenes in sized():
-        for over in ("both", "participants"):
-            for near in (0.6, 0.9):
-                stars = false_stars(World(people, scenes, MODELS * (near,)), over, count)
-                rows.append([size, over, f"{near:g}", *map(percent, stars)])
-    return table(["study", "over", "nearness", "any pair (Holm)", "a single pair, p < .05"], rows)
+        for over, near, steep in (
+            ("both", 0.6, 1.0), ("both", 0.9, 1.0), ("both", 0.9, STEEP), ("both", 0.97, STEEP),
+            ("participants", 0.6, 1.0), ("participants", 0.9, 1.0),
+        ):  # fmt: skip
+            world = World(people, scenes, MODELS * (near,), steepness=steep)
+            stars = false_stars(world, over, count)
+            rows.append([size, over, f"{near:g}", SPREAD[steep], *map(percent, stars)])
+    heads = ["study", "over", "nearness", "judgments", "any pair (Holm)", "one pair, p < .05"]
+    return table(heads, rows)
 
 
 def table_of_perfect_models(count: int) -> str:

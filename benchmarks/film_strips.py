@@ -50,7 +50,8 @@ _SEEN_ABOVE = 0.02
 def pour_of(film: Film, folder: Path, report: Report) -> RecordedPour:
     """A pour, from the folder if it is kept there."""
     path = folder / f"{film.digest}.npz"
-    if not path.exists():
+    pour = load_pour(path)
+    if pour is None:
         pour = film.solver.pour(
             film.scene,
             film.liquid,
@@ -59,7 +60,7 @@ def pour_of(film: Film, folder: Path, report: Report) -> RecordedPour:
             report=report,
         )
         save_pour(path, pour)
-    return load_pour(path)
+    return pour
 
 
 def strip_of(

@@ -66,6 +66,13 @@ CASES = {
         {"people": 10, "there": lambda p, k: p == k}, "too few scenes have two answers",
     ),
     "yes or no": ({"people": 12, "answers": np.round}, ""),
+    "all alike": (
+        {"people": 12, "answers": lambda noisy: np.tile(noisy[:1], (12, 1))}, "",
+    ),
+    "answers that differ in one scene": (
+        {"people": 12, "answers": lambda noisy: np.where(np.arange(10) == 4, noisy, 0.5)},
+        "without one of the scenes",
+    ),
     "all the same": (
         {"people": 12, "answers": lambda noisy: np.full_like(noisy, 0.5)},
         "all answers are the same",

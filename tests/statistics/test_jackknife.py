@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from pourcast.statistics.correlation import agreement, pearson
-from pourcast.statistics.differences import _reach, compare_pairs
+from pourcast.statistics.differences import compare_pairs
 from pourcast.statistics.jackknife import FEWEST, fisher_z, jackknife, pairs, unknowable
 
 OVERS = ("participants", "scenes", "both")
@@ -153,20 +153,41 @@ def test_pairs_of_many_are_some_of_each():
 # Differences ----------------------------------------------------------------------------
 
 
-def test_zous_example():
-    # Zou (2007), overlapping correlations: .396 and .179, n = 66, that of the others .088.
-    r, other = 0.396, 0.179
-    z = 1.96 / np.sqrt(63)
-    (low, high), (other_low, other_high) = (
-        np.tanh(np.arctanh(one) + np.array([-z, z])) for one in (r, other)
+def test_far_from_the_ceiling_it_is_the_interval_of_z_times_its_slope():
+    rng = np.random.default_rng(0)
+    truth = rng.standard_normal(400)
+    people = truth + 4.0 * rng.standard_normal((20, 400))
+    models = truth + 4.0 * rng.standard_normal((2, 400))
+    found = compare_pairs(people, models, "both", 0.95)
+    pair = jackknife(
+        people,
+        lambda m, w: np.diff(fisher_z(agreement(m, models, w).r)[:, ::-1], axis=1),
+        "both",
     )
-    together = 0.0526
-    assert r - other - _reach(r - low, other_high - other, together) == pytest.approx(
-        -0.093, abs=1e-3
+    low, high = pair.interval(0.95)
+    slope = 1.0 - np.mean(agreement(people.mean(axis=0), models).r) ** 2
+    assert (found.low[0], found.high[0]) == pytest.approx(
+        (slope * low[0], slope * high[0]), abs=0.01
     )
-    assert r - other + _reach(high - r, other - other_low, together) == pytest.approx(
-        0.517, abs=1e-3
-    )
+    assert found.p[0] == pytest.approx(pair.p[0])
+
+
+@pytest.mark.parametrize("alike", [0.9, 0.999])
+def test_intervals_of_similar_models_are_as_narrow_as_their_test(alike):
+    agree = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        truth, common, own = rng.standard_normal((3, 30))
+        other = rng.standard_normal(30)
+        one, two = (
+            truth + 0.5 * (np.sqrt(alike) * common + np.sqrt(1 - alike) * each)
+            for each in (own, other)
+        )
+        people = truth + rng.standard_normal((10, 30))
+        found = compare_pairs(people, np.stack([one, two]), "both", 0.95)
+        assert found.low[0] <= found.difference[0] <= found.high[0]
+        agree += (found.p[0] < 0.05) == (found.low[0] > 0.0 or found.high[0] < 0.0)
+    assert agree >= 38
 
 
 def test_equal_models_differ_by_nothing():
@@ -174,6 +195,8 @@ def test_equal_models_differ_by_nothing():
     found = compare_pairs(responses, np.stack([truth, truth]), "both", 0.95)
     assert found.difference[0] == found.low[0] == found.high[0] == 0.0
     assert found.p[0] == 1.0
+    stretched = compare_pairs(responses, np.stack([truth, 0.97 * truth + 0.015]), "both", 0.95)
+    assert [stretched.low[0], stretched.high[0]] == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
 def test_a_model_without_spread_is_compared_with_none():

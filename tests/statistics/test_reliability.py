@@ -32,11 +32,23 @@ def test_known_reliability_is_found(people, noise):
         assert spearman_brown(half) == pytest.approx(known, abs=0.02)
 
 
-def test_it_is_cronbachs_alpha_where_all_answered():
-    _, responses = noisy_study(5, 8, 40, 1.0, 1.5)
+def test_it_is_cronbachs_alpha_but_for_what_people_follow_more_or_less():
+    _, responses = noisy_study(5, 40, 400, 1.0, 1.5)
     items = responses.var(axis=1, ddof=1).sum()
-    whole = responses.sum(axis=0).var(ddof=1)
-    assert reliability(responses) == pytest.approx(8 / 7 * (1 - items / whole))
+    alpha = 40 / 39 * (1 - items / responses.sum(axis=0).var(ddof=1))
+    assert reliability(responses) == pytest.approx(alpha, abs=0.002)
+
+
+def test_half_guessers_lower_a_perfect_models_r_by_their_noise_alone():
+    shares, known = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        truth = rng.standard_normal(60)
+        follows = np.repeat([1.0, 0.0], 6)[:, None]
+        responses = follows * truth + rng.standard_normal((12, 60))
+        shares.append(reliability(responses))
+        known.append(0.5**2 / (0.5**2 + 1.0 / 12))
+    assert np.mean(shares) == pytest.approx(np.mean(known), abs=0.045)
 
 
 def test_peoples_levels_are_no_noise_where_all_answered_and_are_where_not():

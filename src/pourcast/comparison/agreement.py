@@ -107,8 +107,9 @@ def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFra
     DataFrame
         A row a model: `liquid`, `model`, then `r`, `rmse`, `bias`, `slope`, each with `_low` and
         `_high`; `over` (what these hold over); `explained` (share of the explainable variance),
-        whose interval is always over scenes; and `r_truth_water`, `r_truth_honey`,
-        `r_truth_stimulus`, correlations with the ground truths, if they are among the models.
+        whose interval is always over scenes, NaN where people's means aren't `is_reliable`; and
+        `r_truth_water`, `r_truth_honey`, `r_truth_stimulus`, correlations with the ground truths,
+        if they are among the models.
     """
     judgments, responses = compared.judgments, compared.trials.responses
     observed = agreement(mean_judgments(responses), judgments)
@@ -121,14 +122,26 @@ def agreement_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFra
         table[f"{measure}_low"] = SCALES[measure].back(low)
         table[f"{measure}_high"] = SCALES[measure].back(high)
     table["over"] = settings.over
-    table["explained"] = explained_share(responses, judgments)
-    ends = explained_interval(responses, judgments, settings.level)
-    table["explained_low"], table["explained_high"] = ends
+    if is_reliable(responses, settings.level):
+        table["explained"] = explained_share(responses, judgments)
+        ends = explained_interval(responses, judgments, settings.level)
+        table["explained_low"], table["explained_high"] = ends
+    else:
+        table[["explained", "explained_low", "explained_high"]] = np.nan
     for truth in ("truth-water", "truth-honey", stimulus.NAME):
         if truth in compared.models:
             column = f"r_{truth.replace('-', '_')}"
             table[column] = agreement(compared.models[truth], judgments).r
     return table
+
+
+def is_reliable(responses: Array, level: float) -> bool:
+    """Whether there is more in people's means than noise: the reliability's interval is above 0.
+
+    Without, nothing can be explained, and a share of it would be any number.
+    """
+    share = _over_scenes(responses, lambda w: SHARE.there(reliability(responses, w))[:, None])
+    return bool(share.interval(level)[0][0] > 0.0)
 
 
 def _over_scenes(responses: Array, measure: Callable[[Array], Array]) -> Estimate:
@@ -191,18 +204,35 @@ def differences_table(compared: PeopleAndModels, settings: Settings) -> pd.DataF
     )
 
 
-def unknown_intervals(trials: Trials, settings: Settings) -> str:
-    """Why there are no intervals and no tests; empty if there are."""
+def unknown_intervals(trials: Trials, settings: Settings, table: pd.DataFrame) -> str:
+    """Why there are no intervals and no tests, or not for all models; empty if there are.
+
+    Parameters
+    ----------
+    trials
+        Of one liquid.
+    settings
+        How intervals are made.
+    table
+        From `agreement_table`.
+    """
     why = unknowable(settings.over, *trials.responses.shape)
     if not why:
-        return ""
+        rows = table[(table["liquid"] == trials.liquid) & table["r"].notna()]
+        lost = list(rows["model"][rows["r_low"].isna()])
+        if not lost:
+            return ""
+        return (
+            f"{trials.liquid}: no interval of r of {', '.join(lost)}: without one of the scenes, "
+            "or of the participants, there is no correlation left"
+        )
     people, scenes = trials.responses.shape
     others = [over for over in get_args(Over) if not unknowable(over, people, scenes)]
     hint = f" (--over {others[0]} has them)" if others else ""
     return f"{trials.liquid}: no intervals, and no model is told from another: {why}{hint}"
 
 
-def unknown_reliability(trials: Trials, table: pd.DataFrame) -> str:
+def unknown_reliability(trials: Trials, table: pd.DataFrame, settings: Settings) -> str:
     """Why there is no reliability, or not all of it; empty if there is.
 
     Parameters
@@ -211,6 +241,8 @@ def unknown_reliability(trials: Trials, table: pd.DataFrame) -> str:
         Of one liquid.
     table
         From `reliability_table`.
+    settings
+        How intervals are made.
     """
     people, scenes = trials.responses.shape
     if people < FEWEST_PARTICIPANTS:
@@ -224,9 +256,17 @@ def unknown_reliability(trials: Trials, table: pd.DataFrame) -> str:
         elif row["reliability"] <= 0.0:
             why = "people agree with one another no better than by chance: nothing can be explained"
         elif np.isnan(row["split_half"]):
-            why = "halves of the participants have too few scenes in common"
+            why = (
+                "halves of the participants have too few scenes in common, or give the same answer "
+                "to all"
+            )
         elif row["split_half"] <= 0.0:
             why = "halves of the participants don't agree: Spearman-Brown has nothing to go by"
+        elif not is_reliable(trials.responses, settings.level):
+            return (
+                f"{trials.liquid}: no share of explainable variance: people's means may be nothing "
+                "but noise (the reliability's interval holds 0)"
+            )
         else:
             return ""
     return f"{trials.liquid}: no reliability of all participants: {why}"
@@ -266,13 +306,18 @@ def _reliability(responses: Array, settings: Settings) -> dict[str, float]:
     row: dict[str, float] = {}
     for name, values in (
         ("split_half", (r, *r_ends)),
-        ("spearman_brown", spearman_brown(np.array([r, *r_ends]))),
+        ("spearman_brown", (spearman_brown(r), *map(_doubled_limit, r_ends))),
         ("reliability", (own, *own_ends)),
         ("ceiling", ceiling(np.array([own, *own_ends]))),
     ):
         keys = (name, f"{name}_low", f"{name}_high")
         row |= {key: float(value[0]) for key, value in zip(keys, values, strict=True)}
     return row
+
+
+def _doubled_limit(r: Array) -> Array:
+    """Spearman-Brown of a limit of an interval; 0 where halves may not agree at all."""
+    return np.where(r > 0.0, spearman_brown(r), np.where(np.isnan(r), np.nan, 0.0))
 
 
 def _ends(found: Estimate, back: Callable[[Array], Array], level: float) -> tuple[Array, Array]:

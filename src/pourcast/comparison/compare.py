@@ -372,8 +372,8 @@ def _doubts(
         ]
     for one in people:
         doubts += [
-            agreement.unknown_intervals(one.trials, settings),
-            agreement.unknown_reliability(one.trials, tables["reliability"]),
+            agreement.unknown_intervals(one.trials, settings, tables["agreement"]),
+            agreement.unknown_reliability(one.trials, tables["reliability"], settings),
         ]
     doubts += [
         f"{liquid}: single participants are not compared with chance: {why}"

@@ -4,11 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
+from scipy.stats import qmc
 
 from pourcast.statistics.correlation import agreement
 from pourcast.statistics.jackknife import Estimate, Over, fisher_z, jackknife
 
 Array = NDArray[np.float64]
+
+_DRAWS = 4096
+_POINTS = stats.norm.ppf(qmc.Sobol(2, scramble=True, rng=0).random(_DRAWS)).T[:, :, None]
+"""A bivariate normal distribution, shape [2, point_count, 1]."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +45,8 @@ def compare_pairs(responses: Array, models: Array, over: Over, level: float) -> 
     """Compare all pairs of models on the same people and scenes.
 
     The test is of the difference in Fisher's z, whose errors are normal. The interval is of the
-    difference in r, from those of both and how their errors go together (Zou 2007, Psychological
-    Methods 12): symmetric only where r is small.
+    difference in r: errors of both z, as they go together, are carried over to it by a normal
+    distribution of `_DRAWS` points, the same ones each time.
 
     Parameters
     ----------
@@ -62,33 +68,33 @@ def compare_pairs(responses: Array, models: Array, over: Over, level: float) -> 
 
     found = jackknife(responses, measure, over)
     single, paired = found[:count], found[count:]
-    r, (low, high) = np.tanh(single.value), (np.tanh(end) for end in single.interval(level))
-    together = _correlation(single[first], single[second], paired)
-    difference = r[first] - r[second]
-    below, above = (
-        # Models that say the same differ by nothing, for sure.
-        np.where(
-            paired.variance == 0.0,
-            0.0,
-            _reach(r[one] - low[one], high[other] - r[other], together),
-        )
-        for one, other in ((first, second), (second, first))
-    )
-    return Differences(first, second, difference, difference - below, difference + above, paired.p)
+    r = np.tanh(single.value)
+    low, high = _ends_in_r(single[first], single[second], paired, level)
+    return Differences(first, second, r[first] - r[second], low, high, paired.p)
 
 
-def _correlation(one: Estimate, other: Estimate, difference: Estimate) -> Array:
-    """Of the errors of two estimates, from their variances and that of the difference."""
+def _ends_in_r(
+    one: Estimate, other: Estimate, difference: Estimate, level: float
+) -> tuple[Array, Array]:
+    """Interval of the difference of two correlations, from that of their z."""
+    # The first error, and what the second has besides: so the difference keeps its variance.
+    covariance = 0.5 * (one.variance + other.variance - difference.variance)
+    error = np.sqrt(one.variance)
     with np.errstate(divide="ignore", invalid="ignore"):
-        together = one.variance + other.variance - difference.variance
-        correlation = together / (2.0 * np.sqrt(one.variance * other.variance))
-    # Without any error, all goes together.
-    correlation = np.where((one.variance == 0.0) | (other.variance == 0.0), 1.0, correlation)
-    clipped: Array = np.clip(correlation, -1.0, 1.0)
-    return clipped
+        slope = np.where(one.variance > 0.0, covariance / one.variance, 0.0)
+    rest = np.sqrt(np.maximum(other.variance - slope**2 * one.variance, 0.0))
+    points = _POINTS * (stats.t.ppf(0.5 + level / 2.0, difference.df) / _reach(level))
+    a = one.value + error * points[0]
+    b = other.value + slope * error * points[0] + rest * points[1]
+    tails = 50.0 * (1.0 - level), 50.0 * (1.0 + level)
+    low, high = np.percentile(np.tanh(a) - np.tanh(b), tails, axis=0)
+    observed = np.tanh(one.value) - np.tanh(other.value)
+    known = np.isfinite(difference.variance)
+    return (
+        np.where(known, np.minimum(low, observed), np.nan),
+        np.where(known, np.maximum(high, observed), np.nan),
+    )
 
 
-def _reach(one: Array, other: Array, correlation: Array) -> Array:
-    square = one**2 + other**2 - 2.0 * correlation * one * other
-    reach: Array = np.sqrt(np.maximum(square, 0.0))
-    return reach
+def _reach(level: float) -> float:
+    return float(stats.norm.ppf(0.5 + level / 2.0))

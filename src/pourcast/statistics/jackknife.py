@@ -54,6 +54,8 @@ _MOST_PAIRS = 20_000
 """Pairs of participants that are left out together, of more only some."""
 _BLOCK = 4096
 """Cases that are measured at once."""
+_LEAST = 1e-12
+"""What is positive and less is 0 but for rounding."""
 _LARGEST_Z = 18.0
 """Fisher's z of a correlation that is 1 but for rounding."""
 
@@ -87,7 +89,7 @@ def fisher_z(r: Array) -> Array:
 
 def _log(values: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.log(values)
+        return np.log(np.maximum(values, _LEAST))
 
 
 IDENTITY = Scale(np.asarray, np.asarray)
@@ -185,8 +187,8 @@ def jackknife(responses: Array, measure: Measure, over: Over) -> Estimate:
 
     *Both.* Noise of single answers is in the variance over participants and in that over scenes;
     it is taken off once (as in two-way clustered standard errors, Cameron, Gelbach & Miller 2011).
-    No less than either variance is left. Degrees of freedom: Satterthwaite (1946), no more than
-    the larger sample has.
+    No less than either variance is left. Degrees of freedom: Satterthwaite (1946), from how much
+    participants and scenes differ in what they contribute.
     """
     answers = _Answers(responses)
     value = measure(*answers.all())[0]
@@ -195,16 +197,16 @@ def jackknife(responses: Array, measure: Measure, over: Over) -> Estimate:
     if unknowable(over, people, scenes):
         return Estimate(value, nothing, nothing)
     if over == "participants":
-        return Estimate(value, _over_people(answers, measure), np.full(value.shape, people - 1.0))
-    of_scenes = _spread(_measured(answers.without_scenes(), measure))
+        return Estimate(value, *_over_people(answers, measure))
+    of_scenes, df_scenes = _spread(_measured(answers.without_scenes(), measure))
     if over == "scenes":
-        return Estimate(value, of_scenes, np.full(value.shape, scenes - 1.0))
-    of_people = _over_people(answers, measure)
+        return Estimate(value, of_scenes, df_scenes)
+    of_people, df_people = _over_people(answers, measure)
     sum_of_both = of_people + of_scenes
     least = np.maximum(of_people, of_scenes)
     variance = np.maximum(sum_of_both - _of_single_answers(answers, measure), least)
-    squares = of_people**2 / (people - 1.0) + of_scenes**2 / (scenes - 1.0)
-    with np.errstate(invalid="ignore"):
+    squares = of_people**2 / df_people + of_scenes**2 / df_scenes
+    with np.errstate(divide="ignore", invalid="ignore"):
         df = np.where(squares > 0.0, sum_of_both**2 / squares, 1.0)
     return Estimate(value, variance, np.clip(df, 1.0, max(people, scenes) - 1.0))
 
@@ -253,14 +255,22 @@ def _measured(cases: Iterator[tuple[Array, Array]], measure: Measure) -> Array:
     return np.concatenate([measure(means, weights) for means, weights in cases])
 
 
-def _spread(values: Array) -> Array:
-    """The jackknife's variance, from the values with each of n left out."""
+def _spread(values: Array) -> tuple[Array, Array]:
+    """The jackknife's variance, from the values with each of n left out, and how well it is known.
+
+    Degrees of freedom: twice the square of the variance over its own variance, which grows with
+    the kurtosis. Where a few scenes decide (judgments near 0 and 1 do that), n - 1 is too many.
+    """
     n = len(values)
-    variance: Array = (n - 1.0) / n * ((values - values.mean(axis=0)) ** 2).sum(axis=0)
-    return variance
+    squares = (values - values.mean(axis=0)) ** 2
+    variance: Array = (n - 1.0) / n * squares.sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kurtosis = (squares**2).mean(axis=0) / squares.mean(axis=0) ** 2
+        df = np.where(kurtosis > 1.0, 2.0 * n / (kurtosis - 1.0), n - 1.0)
+    return variance, np.clip(df, 2.0, n - 1.0)
 
 
-def _over_people(answers: _Answers, measure: Measure) -> Array:
+def _over_people(answers: _Answers, measure: Measure) -> tuple[Array, Array]:
     """Variance over participants, less half of what noise of the second order adds to it."""
     n = len(answers.there)
     value = measure(*answers.all())[0]
@@ -269,8 +279,8 @@ def _over_people(answers: _Answers, measure: Measure) -> Array:
     double = _measured(answers.without_people(first, second), measure)
     interaction = n * value - (n - 1.0) * (single[first] + single[second]) + (n - 2.0) * double
     noise = interaction.var(axis=0) / 2.0
-    variance = _spread(single)
-    return np.maximum(variance - 0.5 * noise, 0.5 * variance)  # type: ignore[no-any-return]
+    variance, df = _spread(single)
+    return np.maximum(variance - 0.5 * noise, 0.5 * variance), df
 
 
 def pairs(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -294,5 +304,5 @@ def _of_single_answers(answers: _Answers, measure: Measure) -> Array:
     for scene, count in enumerate(answers.count):
         if count > 1:
             values = measure(*answers.without_answer(scene))
-            total = total + _spread(values)
+            total = total + _spread(values)[0]
     return np.asarray(total)

@@ -120,9 +120,10 @@ def reliability(responses: Array, weights: Array | None = None) -> Array:
     """Share of the variance of mean judgments that is not noise.
 
     Noise is what these participants' means would change by if others had answered: the variance
-    over scenes that each participant adds to the means, by leaving each out. A participant's
-    constant level adds none where all answer all scenes, as it can't lower a correlation; where
-    they answer different ones, it does. For complete data this is Cronbach's alpha.
+    over scenes that each participant adds to the means. What can't lower a correlation adds none:
+    a participant's constant level, where all answer all scenes, and how strongly a participant
+    follows what all have in common (what each adds is regressed on the means, which costs a
+    degree of freedom). Without the latter it would be Cronbach's alpha.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ def reliability(responses: Array, weights: Array | None = None) -> Array:
     -------
     ndarray
         Shape [case_count], or a single number; below 0 if there is more noise than is usual
-        without any signal, NaN if fewer than two scenes count or the means don't differ.
+        without any signal, NaN if fewer than three scenes count or the means don't differ.
     """
     there = np.isfinite(responses)
     answers = there.sum(axis=0)
@@ -146,19 +147,27 @@ def reliability(responses: Array, weights: Array | None = None) -> Array:
     root = np.sqrt(np.maximum(1, answers * (answers - 1)))
     added = np.where(there & usable, (np.where(there, responses, 0.0) - means) / root, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        noise = _variances(added, counts).sum(axis=1)
-        spread = _variances(means[None], counts)[:, 0]
-        share: Array = np.where(spread > _NO_SPREAD, 1.0 - noise / spread, np.nan)
+        total = counts.sum(axis=1)
+        spread = _covariances(means[None], means, counts)[:, 0]
+        along = _covariances(added, means, counts) ** 2 / spread[:, None]
+        noise = (_covariances(added, None, counts) - along).sum(axis=1)
+        noise *= (total - 1.0) / (total - 2.0)
+        known = (spread > _NO_SPREAD) & (total > 2.0)
+        share: Array = np.where(known, 1.0 - noise / spread, np.nan)
     return share[0] if weights is None else share
 
 
-def _variances(rows: Array, counts: Array) -> Array:
-    """Unbiased variance of each row over the scenes that count, shape [case_count, row_count]."""
+def _covariances(rows: Array, other: Array | None, counts: Array) -> Array:
+    """Unbiased covariance of each row with another, or itself, over the scenes that count.
+
+    Shape [case_count, row_count].
+    """
     total = counts.sum(axis=1, keepdims=True)
-    centred = rows - rows.mean(axis=1, keepdims=True)
-    squares = counts @ (centred**2).T - (counts @ centred.T) ** 2 / total
-    variances: Array = squares / (total - 1.0)
-    return variances
+    x = rows - rows.mean(axis=1, keepdims=True)
+    y = x if other is None else other[None] - other.mean()
+    products = counts @ (x * y).T - (counts @ x.T) * (counts @ y.T) / total
+    covariances: Array = products / (total - 1.0)
+    return covariances
 
 
 def explained_share(responses: Array, models: Array) -> Array:

@@ -20,7 +20,7 @@ class WindowVariance:
     per_scene
         Shape [scene_count].
     mean, low, high
-        Mean over the scenes, and its interval over scenes (Student's t); NaN with one scene.
+        Mean over the scenes, and its interval over scenes (Student's t); NaN with fewer than five.
     """
 
     per_scene: Array
