@@ -110,7 +110,7 @@ def _with_numbers(characters: str, separator: str, text: Sequence[str]) -> pd.Da
         skip_blank_lines=False,
     )  # fmt: skip
     others = [name for name in raw.columns if name not in text]
-    values = raw[others].melt()["value"].dropna().astype(str)
+    values = pd.Series(raw[others].to_numpy().ravel()).dropna().astype(str)
     commas = separator != "," and values.str.fullmatch(_DECIMAL_COMMA).any()
     decimal = "," if commas and not values.str.fullmatch(_DECIMAL_POINT).any() else "."
     table = pd.read_csv(

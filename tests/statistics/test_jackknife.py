@@ -225,8 +225,8 @@ def test_intervals_of_reliability_do_too():
 
 
 def test_equally_good_models_are_rarely_starred():
-    any_pair, single = false_stars(World(10, 30, 11 * (0.9,)), "both", 80, seed=1)
-    assert any_pair <= 0.13  # 6 % at most is the aim; 13 % is 2.6 standard errors above
+    any_pair, single = false_stars(World(10, 30, 11 * (0.9,)), "both", 40, seed=1)
+    assert any_pair <= 0.15  # 6 % at most is the aim; 15 % is 2.4 standard errors above
     assert 0.02 <= single <= 0.08
 
 
