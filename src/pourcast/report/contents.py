@@ -38,8 +38,8 @@ POWER_SCENES = (12, 30, 60, 120)
 CAPTIONS = {
     "stimuli": "Some of the scenes, as they are seen at first.",
     "against_null": "Participants' correlations with the ground truth, beside those of responses "
-    "drawn from a beta distribution fitted to all responses; two-sample Kolmogorov-Smirnov test, and "
-    "p of their mean with the scenes permuted.",
+    "drawn from a beta distribution fitted to all responses; two-sample Kolmogorov-Smirnov test, "
+    "and p of their mean with the scenes permuted.",
     "correlations": "Correlation of each model with people's mean judgments; lines: 95 % "
     "intervals; diamonds, if any: published values.",
     "best": "The best model of each family, {liquid} trials; a dot a scene.",
