@@ -32,7 +32,7 @@ from pourcast.pictures.style import BLUE, GREY, ORANGE, PAGE, RC, new_figure, sa
 from pourcast.progress import Report
 from pourcast.statistics.correlation import pearson
 from pourcast.statistics.differences import compare_pairs
-from pourcast.statistics.jackknife import LEVEL, fisher_z, jackknife
+from pourcast.statistics.jackknife import LEVEL, r_interval
 from pourcast.study.experiments.registry import EXPERIMENTS
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -156,9 +156,8 @@ def judgments(card: Card) -> Array:
 
 def with_interval(one: Array, other: Array) -> str:
     """Pearson's r, and its 95 % interval over scenes."""
-    found = jackknife(one[None], lambda m, w: fisher_z(pearson(m, other[None], w)), "scenes")
-    low, high = (float(np.tanh(end[0])) for end in found.interval(LEVEL))
-    return f"{float(pearson(one, other[None])[0]):.2f} [{low:.2f}, {high:.2f}]"
+    low, high = r_interval(one[None], other[None], "scenes", LEVEL)
+    return f"{float(pearson(one, other[None])[0]):.2f} [{low[0]:.2f}, {high[0]:.2f}]"
 
 
 def main_table(found: pd.DataFrame) -> list[str]:

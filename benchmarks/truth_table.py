@@ -12,8 +12,7 @@ import numpy as np
 
 from pourcast import predict, summarise
 from pourcast.models.registry import complete_presets
-from pourcast.statistics.correlation import pearson
-from pourcast.statistics.jackknife import LEVEL, fisher_z, jackknife
+from pourcast.statistics.jackknife import LEVEL, r_interval
 from pourcast.study.experiments.exp1 import PUBLISHED
 from pourcast.study.folder import SceneRequest, generate_scenes
 
@@ -31,9 +30,8 @@ their 120 scenes, which are not public: ours resemble them only as far as
 
 def interval(a: np.ndarray, b: np.ndarray) -> str:
     """95 % interval of a correlation over scenes."""
-    found = jackknife(b[None], lambda m, w: fisher_z(pearson(m, a[None], w)), "scenes")
-    low, high = (float(np.tanh(end[0])) for end in found.interval(LEVEL))
-    return f"[{low:.2f}, {high:.2f}]"
+    low, high = r_interval(b[None], a[None], "scenes", LEVEL)
+    return f"[{low[0]:.2f}, {high[0]:.2f}]"
 
 
 def main() -> None:

@@ -105,14 +105,9 @@ def _read_csv(content: bytes, text: Sequence[str], verbatim: bool) -> pd.DataFra
 
 def _with_numbers(characters: str, separator: str, text: Sequence[str]) -> pd.DataFrame:
     """A table whose columns are numbers where all their values are."""
-    raw = pd.read_csv(
-        StringIO(characters), sep=separator, dtype=str, keep_default_na=False, na_values=[""],
-        skip_blank_lines=False,
-    )  # fmt: skip
-    others = [name for name in raw.columns if name not in text]
-    values = pd.Series(raw[others].to_numpy().ravel()).dropna().astype(str)
-    commas = separator != "," and values.str.fullmatch(_DECIMAL_COMMA).any()
-    decimal = "," if commas and not values.str.fullmatch(_DECIMAL_POINT).any() else "."
+    names = pd.read_csv(StringIO(characters), sep=separator, nrows=0).columns
+    others = [name for name in names if name not in text]
+    decimal = "." if separator == "," else _decimal(characters, separator, others)
     table = pd.read_csv(
         StringIO(characters), sep=separator, decimal=decimal, dtype=dict.fromkeys(text, str),
         keep_default_na=False, na_values={name: [""] for name in text}
@@ -121,6 +116,14 @@ def _with_numbers(characters: str, separator: str, text: Sequence[str]) -> pd.Da
     )  # fmt: skip
     table.attrs["decimal"] = decimal
     return table
+
+
+def _decimal(characters: str, separator: str, columns: Sequence[str]) -> str:
+    """What stands before decimals: a comma, if some values have one and none has a point."""
+    raw = pd.read_csv(StringIO(characters), sep=separator, dtype=str, keep_default_na=False)
+    values = pd.Series(raw[columns].to_numpy().ravel(), dtype=str).str
+    commas = values.fullmatch(_DECIMAL_COMMA).any()
+    return "," if commas and not values.fullmatch(_DECIMAL_POINT).any() else "."
 
 
 def _encoding(content: bytes) -> str:

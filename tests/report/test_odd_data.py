@@ -99,6 +99,15 @@ def test_odd_data_are_compared_as_far_as_they_go_and_it_is_said_why_no_further(
         assert found["differences"]["p_holm"].isna().all()
 
 
+def test_how_a_table_was_read_is_told(answered, capsys):
+    folder = answered(12)
+    path = folder / "responses" / "odd.csv"
+    pd.read_csv(path).to_csv(path, index=False, sep=";", decimal=",")
+    found, printed = compared(folder, capsys)
+    assert "odd.csv was read as separated by semicolons, with decimal commas" in printed
+    assert found["agreement"]["r_low"].notna().all()
+
+
 def test_one_person_has_intervals_over_scenes(answered, capsys):
     found, _ = compared(answered(1), capsys, "--over", "scenes")
     table = found["agreement"]

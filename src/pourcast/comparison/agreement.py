@@ -21,6 +21,7 @@ from pourcast.statistics.jackknife import (
     Over,
     fisher_z,
     jackknife,
+    r_interval,
     scaled,
     unknowable,
 )
@@ -140,8 +141,13 @@ def is_reliable(responses: Array, level: float) -> bool:
 
     Without, nothing can be explained, and a share of it would be any number.
     """
-    share = _over_scenes(responses, lambda w: SHARE.there(reliability(responses, w))[:, None])
-    return bool(share.interval(level)[0][0] > 0.0)
+    low, _ = _share_of_signal(responses).interval(level)
+    return bool(low[0] > 0.0)
+
+
+def _share_of_signal(responses: Array) -> Estimate:
+    """The reliability, over scenes, on its scale."""
+    return _over_scenes(responses, lambda w: SHARE.there(reliability(responses, w))[:, None])
 
 
 def _over_scenes(responses: Array, measure: Callable[[Array], Array]) -> Estimate:
@@ -161,8 +167,7 @@ def intervals_table(compared: PeopleAndModels, settings: Settings) -> pd.DataFra
     r = agreement(mean_judgments(responses), judgments).r
     tables = []
     for over in get_args(Over):
-        found = jackknife(responses, lambda m, w: fisher_z(agreement(m, judgments, w).r), over)
-        low, high = (np.tanh(end) for end in found.interval(settings.level))
+        low, high = r_interval(responses, judgments, over, settings.level)
         tables.append(
             pd.DataFrame(
                 {"liquid": compared.trials.liquid, "model": compared.names}
@@ -232,7 +237,7 @@ def unknown_intervals(trials: Trials, settings: Settings, table: pd.DataFrame) -
     return f"{trials.liquid}: no intervals, and no model is told from another: {why}{hint}"
 
 
-def unknown_reliability(trials: Trials, table: pd.DataFrame, settings: Settings) -> str:
+def unknown_reliability(trials: Trials, table: pd.DataFrame) -> str:
     """Why there is no reliability, or not all of it; empty if there is.
 
     Parameters
@@ -241,8 +246,6 @@ def unknown_reliability(trials: Trials, table: pd.DataFrame, settings: Settings)
         Of one liquid.
     table
         From `reliability_table`.
-    settings
-        How intervals are made.
     """
     people, scenes = trials.responses.shape
     if people < FEWEST_PARTICIPANTS:
@@ -262,7 +265,7 @@ def unknown_reliability(trials: Trials, table: pd.DataFrame, settings: Settings)
             )
         elif row["split_half"] <= 0.0:
             why = "halves of the participants don't agree: Spearman-Brown has nothing to go by"
-        elif not is_reliable(trials.responses, settings.level):
+        elif not row["reliability_low"] > 0.0:
             return (
                 f"{trials.liquid}: no share of explainable variance: people's means may be nothing "
                 "but noise (the reliability's interval holds 0)"
@@ -300,7 +303,7 @@ def _reliability(responses: Array, settings: Settings) -> dict[str, float]:
     halves = split_half(responses, settings.rng(3))
     once = np.ones((1, responses.shape[1]))
     half = _over_scenes(responses, lambda w: fisher_z(halves.mean_correlations(w))[:, None])
-    share = _over_scenes(responses, lambda w: SHARE.there(reliability(responses, w))[:, None])
+    share = _share_of_signal(responses)
     r, r_ends = halves.mean_correlations(once), _ends(half, np.tanh, settings.level)
     own, own_ends = reliability(responses, once), _ends(share, SHARE.back, settings.level)
     row: dict[str, float] = {}

@@ -23,7 +23,7 @@ from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.statistics.fit import flat, profile, tied
 from pourcast.statistics.halves import random_halves
-from pourcast.statistics.jackknife import Estimate, fisher_z, jackknife
+from pourcast.statistics.jackknife import Estimate, fisher_z, jackknife, r_interval
 from pourcast.study.responses import Trials
 from pourcast.sweep.judgments import OWN_ALPHA, Judgments
 from pourcast.tables import numbers_in, read_table, require_columns
@@ -278,10 +278,8 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
 
 def _r_interval(trials: Trials, judgments: Array, settings: Settings) -> tuple[float, float]:
     """Interval of one model's correlation."""
-    model = judgments[None]
-    z = jackknife(trials.responses, lambda m, w: fisher_z(pearson(m, model, w)), settings.over)
-    low, high = z.interval(settings.level)
-    return float(np.tanh(low[0])), float(np.tanh(high[0]))
+    ends = r_interval(trials.responses, judgments[None], settings.over, settings.level)
+    return float(ends[0][0]), float(ends[1][0])
 
 
 def _shortfall(trials: Trials, judgments: Array, best: int, settings: Settings) -> Estimate:

@@ -373,7 +373,7 @@ def _doubts(
     for one in people:
         doubts += [
             agreement.unknown_intervals(one.trials, settings, tables["agreement"]),
-            agreement.unknown_reliability(one.trials, tables["reliability"], settings),
+            agreement.unknown_reliability(one.trials, tables["reliability"]),
         ]
     doubts += [
         f"{liquid}: single participants are not compared with chance: {why}"

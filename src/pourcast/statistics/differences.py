@@ -83,18 +83,14 @@ def _ends_in_r(
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.where(one.variance > 0.0, covariance / one.variance, 0.0)
     rest = np.sqrt(np.maximum(other.variance - slope**2 * one.variance, 0.0))
-    points = _POINTS * (stats.t.ppf(0.5 + level / 2.0, difference.df) / _reach(level))
+    tail = 0.5 + level / 2.0
+    points = _POINTS * (stats.t.ppf(tail, difference.df) / stats.norm.ppf(tail))
     a = one.value + error * points[0]
     b = other.value + slope * error * points[0] + rest * points[1]
-    tails = 50.0 * (1.0 - level), 50.0 * (1.0 + level)
-    low, high = np.percentile(np.tanh(a) - np.tanh(b), tails, axis=0)
+    low, high = np.quantile(np.tanh(a) - np.tanh(b), (1.0 - tail, tail), axis=0)
     observed = np.tanh(one.value) - np.tanh(other.value)
     known = np.isfinite(difference.variance)
     return (
         np.where(known, np.minimum(low, observed), np.nan),
         np.where(known, np.maximum(high, observed), np.nan),
     )
-
-
-def _reach(level: float) -> float:
-    return float(stats.norm.ppf(0.5 + level / 2.0))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pourcast.statistics.correlation import MEASURES, Agreement
+from pourcast.statistics.correlation import MEASURES, Agreement, pearson
 
 Array = NDArray[np.float64]
 
@@ -209,6 +209,30 @@ def jackknife(responses: Array, measure: Measure, over: Over) -> Estimate:
     with np.errstate(divide="ignore", invalid="ignore"):
         df = np.where(squares > 0.0, sum_of_both**2 / squares, 1.0)
     return Estimate(value, variance, np.clip(df, 1.0, max(people, scenes) - 1.0))
+
+
+def r_interval(responses: Array, models: Array, over: Over, level: float) -> tuple[Array, Array]:
+    """Interval of each model's correlation with people's mean judgments.
+
+    Parameters
+    ----------
+    responses
+        Shape [participant_count, scene_count]; NaN where there is no answer.
+    models
+        Judgments, shape [model_count, scene_count].
+    over
+        What it holds over.
+    level
+        Its level.
+
+    Returns
+    -------
+    ndarray, ndarray
+        Limits, shape [model_count].
+    """
+    z = jackknife(responses, lambda m, w: fisher_z(pearson(m, models, w)), over)
+    low, high = z.interval(level)
+    return np.tanh(low), np.tanh(high)
 
 
 class _Answers:

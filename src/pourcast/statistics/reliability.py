@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pourcast.statistics.correlation import agreement, mean_judgments
 from pourcast.statistics.halves import random_halves
-from pourcast.statistics.jackknife import fisher_z, jackknife
+from pourcast.statistics.jackknife import r_interval
 
 Array = NDArray[np.float64]
 
@@ -192,8 +192,7 @@ def explained_share(responses: Array, models: Array) -> Array:
 
 def explained_interval(responses: Array, models: Array, level: float) -> tuple[Array, Array]:
     """Interval of `explained_share` over scenes: that of r, squared, over the reliability."""
-    found = jackknife(responses, lambda m, w: fisher_z(agreement(m, models, w).r), "scenes")
-    low, high = (np.tanh(end) for end in found.interval(level))
+    low, high = r_interval(responses, models, "scenes", level)
     least = np.where((low < 0.0) & (high > 0.0), 0.0, np.minimum(low**2, high**2))
     most = np.maximum(low**2, high**2)
     return _over_reliability(least, responses), _over_reliability(most, responses)

@@ -1,8 +1,8 @@
 """Making a study's stimuli: what is missing, in parallel, from where it stopped."""
 
 import shutil
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -86,54 +86,52 @@ def make_stimuli(
         set: of two at once, with other settings, each would list what the other made.
     """
     folder = set_folder(study, settings.name)
+    with _alone_at(folder):
+        liquids = _liquids_of(requests)
+        stimuli = _opened(folder, settings, liquids, replace)
+        needed: dict[str, StimulusRequest] = {}
+        for one in requests:  # groups that see the same are shown the same files
+            if one.film or one.id not in needed:
+                needed[one.id] = one
+        missing = [one for one in needed.values() if not stimuli.has(one)]
+        if (missing or replace) and stimuli.manifest.solver_code != settings.solver_code:
+            if stimuli.manifest.stimuli and not replace:
+                raise InputError(
+                    f"{folder}: made with another version of the solver {settings.solver.name!r}, "
+                    "whose films end elsewhere; what is missing can't be made alike. `pourcast "
+                    "stimuli` with --replace begins it anew"
+                )
+            stimuli = _begun(folder, settings, liquids)
+            missing = list(needed.values())
+        if not missing:
+            return stimuli
+        settings.renderer.check_available()
+        slow = settings.renderer.slow
+        count = workers or (1 if slow else available_cores())
+        threads = max(1, available_cores() // count) if open_executor is None else None
+        tasks = [StimulusTask(folder.absolute(), one, settings, threads) for one in missing]
+        films = sum(one.film for one in missing)
+        if open_executor is None and not slow and films < _WORTH_PROCESSES:
+            return _driven(stimuli, tasks, None, report)
+        with closing(open_executor() if open_executor else LocalExecutor(count)) as executor:
+            return _driven(stimuli, tasks, executor, report)
+
+
+@contextmanager
+def _alone_at(folder: Path) -> Iterator[None]:
+    """Keep other processes from a set, and raise if one is at it."""
     folder.parent.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder.parent / f".{folder.name}.lock")
     try:
-        with FileLock(folder.parent / f".{folder.name}.lock", blocking=False):
-            return _made(folder, requests, settings, replace, workers, open_executor, report)
+        lock.acquire(blocking=False)
     except Timeout:
         raise StoreError(
             f"{folder}: another process is making these stimuli; wait for it, or stop it"
         ) from None
-
-
-def _made(
-    folder: Path,
-    requests: Sequence[StimulusRequest],
-    settings: StimulusSettings,
-    replace: bool,
-    workers: int | None,
-    open_executor: Callable[[], Executor] | None,
-    report: Report,
-) -> StimulusSet:
-    """See `make_stimuli`; nobody else is at the folder."""
-    liquids = _liquids_of(requests)
-    stimuli = _opened(folder, settings, liquids, replace)
-    needed: dict[str, StimulusRequest] = {}
-    for one in requests:  # groups that see the same are shown the same files
-        if one.film or one.id not in needed:
-            needed[one.id] = one
-    missing = [one for one in needed.values() if not stimuli.has(one)]
-    if (missing or replace) and stimuli.manifest.solver_code != settings.solver_code:
-        if stimuli.manifest.stimuli and not replace:
-            raise InputError(
-                f"{folder}: made with another version of the solver {settings.solver.name!r}, "
-                "whose films end elsewhere; what is missing can't be made alike. `pourcast "
-                "stimuli` with --replace begins it anew"
-            )
-        stimuli = _begun(folder, settings, liquids)
-        missing = list(needed.values())
-    if not missing:
-        return stimuli
-    settings.renderer.check_available()
-    slow = settings.renderer.slow
-    count = workers or (1 if slow else available_cores())
-    threads = max(1, available_cores() // count) if open_executor is None else None
-    tasks = [StimulusTask(folder.absolute(), one, settings, threads) for one in missing]
-    films = sum(one.film for one in missing)
-    if open_executor is None and not slow and films < _WORTH_PROCESSES:
-        return _driven(stimuli, tasks, None, report)
-    with closing(open_executor() if open_executor else LocalExecutor(count)) as executor:
-        return _driven(stimuli, tasks, executor, report)
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _liquids_of(requests: Sequence[StimulusRequest]) -> list[Liquid]:

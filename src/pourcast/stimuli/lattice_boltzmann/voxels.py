@@ -91,7 +91,7 @@ def voxelise(scene: Scene, resolution: int, layers: int | None = None) -> Voxels
     centres = [origin[axis] + (np.arange(counts[axis]) + 0.5) * cell for axis in range(2)]
     x, y = np.meshgrid(*centres, indexing="ij")
     closed = _without_splits(_solid_points(scene, x, y, cell))
-    cut = cut_cells(closed)
+    cut = _measured(closed)
     solid = cut.room < _LEAST_ROOM
     depth = counts[2]
     blob = shapely.Point(scene.liquid.centre).buffer(scene.liquid.diameter / 2, quad_segs=64)
@@ -119,8 +119,12 @@ def cut_cells(solid: NDArray[np.bool_]) -> CutCells:
         [nx * SUBCELLS, ny * SUBCELLS]. Of a cell that a wall splits, all but one part counts as
         solid.
     """
+    return _measured(_without_splits(solid))
+
+
+def _measured(solid: NDArray[np.bool_]) -> CutCells:
+    """What `cut_cells` gives, of cells that no wall splits."""
     shape = (solid.shape[0] // SUBCELLS, solid.shape[1] // SUBCELLS)
-    solid = _without_splits(solid)
     passage = np.empty((N_DIRECTIONS, *shape), dtype=np.float32)
     known: dict[tuple[int, int], NDArray[np.float32]] = {}
     for i, (dx, dy, _) in enumerate(VELOCITY):
