@@ -35,7 +35,7 @@ from pourcast.statistics.reliability import (
     spearman_brown,
     split_half,
 )
-from pourcast.study.responses import Trials
+from pourcast.study.trials import Trials
 
 Array = NDArray[np.float64]
 

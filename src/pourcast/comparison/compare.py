@@ -13,6 +13,7 @@ from pourcast.comparison.answer import answers
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
+from pourcast.files import finished_files
 from pourcast.models.base import averages_pours, typical_pour
 from pourcast.models.registry import complete_presets, labels_of, make_model
 from pourcast.progress import Report, no_report
@@ -22,15 +23,9 @@ from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
 from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
-from pourcast.study.responses import (
-    SHARES,
-    Exclusion,
-    Scale,
-    arrange,
-    blanks,
-    exclude,
-    remarks,
-)
+from pourcast.study.responses import Exclusion, exclude
+from pourcast.study.scale import Scale
+from pourcast.study.trials import arrange, remarks, repeats, uncompared
 from pourcast.sweep.judgments import (
     Judgments,
     LiquidAndModel,
@@ -50,11 +45,13 @@ class ComparisonOptions:
     Parameters
     ----------
     responses
-        Table of responses; by default the only one in the study's folder.
+        Table of responses, or a folder of them; by default the only one in the study's folder.
     models
         Model specs; the paper's presets by default.
     scale
-        Of the responses in a table.
+        Of the responses in a table, if they aren't shares and its mapping doesn't say it.
+    columns
+        A mapping of a table's columns; see `study.columns.find_columns`.
     exclude
         Rules; see `responses.exclude`.
     settings
@@ -67,7 +64,8 @@ class ComparisonOptions:
 
     responses: Path | None = None
     models: tuple[str, ...] = ()
-    scale: Scale = SHARES
+    scale: Scale | None = None
+    columns: str | None = None
     exclude: tuple[str, ...] = ()
     settings: Settings = field(default_factory=Settings)
     carried: pd.DataFrame | None = None
@@ -87,7 +85,9 @@ class Comparison:
     scenes
         Its scenes.
     source
-        File of the responses, and its SHA-256.
+        File of the responses, or their folder, and its SHA-256.
+    columns
+        What mapped its columns: a file, or a text; empty if nothing did.
     simulated
         Whether any of the responses are simulated.
     settings
@@ -110,6 +110,7 @@ class Comparison:
     experiment: Experiment | None
     scenes: tuple[Scene, ...]
     source: tuple[Path, str]
+    columns: str
     simulated: bool
     settings: Settings
     compared: tuple[PeopleAndModels, ...]
@@ -178,8 +179,11 @@ def compare_study(
     scenes = study_scenes(study)
     if options.bayes:
         require_extra("bayes")
-    table, path = study_responses(study, options.responses, scenes, scale=options.scale)
-    settings, read_as = options.settings, table.attrs.get("read_as", "")
+    table, path = study_responses(
+        study, options.responses, scenes, scale=options.scale, columns=options.columns
+    )
+    settings, told = options.settings, table.attrs.get("told", ())
+    mapping = table.attrs.get("columns", "")
     table, exclusions = exclude(table, options.exclude)
     trials = arrange(table, scenes, str(path))
     for one in trials:
@@ -239,7 +243,8 @@ def compare_study(
         study=study,
         experiment=experiment,
         scenes=tuple(scenes),
-        source=(path, hashlib.sha256(path.read_bytes()).hexdigest()),
+        source=(path, _digest(path)),
+        columns=mapping,
         simulated=bool(table["simulated"].any()),
         settings=settings,
         compared=people,
@@ -247,15 +252,24 @@ def compare_study(
         pours=tuple(_pours(scenes, wanted, own)),
         exclusions=tuple(exclusions),
         remarks=(
-            *([f"{path.name} was read as {read_as}"] if read_as else []),
+            *told,
             *_models_remarks(specs, labels, own),
-            *blanks(table),
+            *uncompared(table),
+            *repeats(table),
             *remarks(trials, scenes),
             *_doubts(tables, judged, people, individuals, settings),
         ),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
     )
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file; of a folder, that of its files' one after another."""
+    if not path.is_dir():
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    each = (hashlib.sha256(file.read_bytes()).digest() for file in finished_files(path))
+    return hashlib.sha256(b"".join(each)).hexdigest()
 
 
 def _tables(

@@ -118,6 +118,10 @@ def provenance(comparison: Comparison) -> list[tuple[str, str]]:
         ("intervals and tests", f"over {over_words(settings.over)}"),
         (f"responses: {path.name}", f"sha256 {digest}"),
     ]
+    if mapping := comparison.columns:
+        known = mapping.endswith(".toml")
+        said = f"{Path(mapping).name}: sha256 {_sha256(Path(mapping))}" if known else mapping
+        rows += [("columns of the responses", said)]
     if comparison.pours:
         rows += [("engine settings", fields_in_words(asdict(ENGINE)))]
         rows += [(name, fields_in_words(numbers)) for name, numbers in _liquids(comparison)]

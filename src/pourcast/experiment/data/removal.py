@@ -118,7 +118,7 @@ def _csv_rows(text: str, delimiter: str) -> Iterator[tuple[list[str], str]]:
 
 def _decoded(content: bytes) -> tuple[str, str]:
     """A file's text, and an encoding that makes the very same bytes of it."""
-    by_mark = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
+    by_mark = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be", b"\xef\xbb": "utf-8-sig"}
     for encoding in (by_mark.get(content[:2], "utf-8"), "latin-1"):
         try:
             return content.decode(encoding), encoding
