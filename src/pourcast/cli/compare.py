@@ -150,6 +150,7 @@ def compare(
 
 _PRINTED = {
     "reliability": ("liquid", "participants", "scenes", "split_half", "spearman_brown", "ceiling"),
+    "retest": ("liquid", "participants", "repeated", "retest_r", "noise"),
     "chance": ("liquid", "mean_r", "beat_chance", "participants", "permutation_p", "ks_p"),
     "agreement": ("model", "r", "rmse", "bias"),
     "differences": ("model", "rival", "difference", "p_holm"),

@@ -10,6 +10,7 @@ import pandas as pd
 from pourcast.comparison import agreement, choice, stimulus, window
 from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.comparison.answer import answers
+from pourcast.comparison.retest import retest_table, unknown_retest
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
@@ -138,6 +139,7 @@ TABLES = {
     "intervals": "Correlations, with intervals over participants, scenes, and both",
     "differences": "Differences in r between models, on the same people and scenes",
     "reliability": "Reliability of people's mean judgments, and the noise ceiling",
+    "retest": "Within-person reliability: first and second answers to the same scenes",
     "chance": "Single participants against chance",
     "participants": "Participants",
     "choice": "Parameters chosen on these responses, by the paper's procedure",
@@ -186,6 +188,8 @@ def compare_study(
     mapping = table.attrs.get("columns", "")
     table, exclusions = exclude(table, options.exclude)
     trials = arrange(table, scenes, str(path))
+    if options.bayes and any(one.means_of is not None for one in trials):
+        raise InputError(f"{path}: --bayes needs single answers, and only means are known")
     for one in trials:
         if len(one.scenes) < agreement.FEWEST_SCENES:
             raise InputError(
@@ -287,6 +291,7 @@ def _tables(
         "intervals": lambda: _stacked(agreement.intervals_table, people, settings),
         "differences": lambda: _stacked(agreement.differences_table, people, settings),
         "reliability": lambda: agreement.reliability_table(trials, settings),
+        "retest": lambda: retest_table(trials, settings),
         "chance": individuals.summary,
         "participants": lambda: individuals.table,
         "choice": lambda: choice.choice_table(sets, settings),
@@ -388,6 +393,7 @@ def _doubts(
         doubts += [
             agreement.unknown_intervals(one.trials, settings, tables["agreement"]),
             agreement.unknown_reliability(one.trials, tables["reliability"]),
+            unknown_retest(one.trials, tables["retest"]),
         ]
     doubts += [
         f"{liquid}: single participants are not compared with chance: {why}"

@@ -156,6 +156,8 @@ def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterat
         "report": tell,
     }  # fmt: skip
     for one in comparison.compared:
+        if one.trials.participant_count == 0:
+            continue  # As many observers as there were participants can't be simulated.
         if len(one.models) > 1:
             yield _model_recovery(one, common)
             yield from _power(one, comparison.settings.level, common)

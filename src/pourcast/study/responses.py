@@ -21,7 +21,7 @@ from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.study.columns import Columns
 from pourcast.study.experiments.base import Experiment
-from pourcast.study.recode import REQUIRED, recode
+from pourcast.study.recode import MEANS, REQUIRED, recode
 from pourcast.study.scale import PERCENT, SHARES, Scale
 from pourcast.tables import FIRST_ROW, more_rows, refuse_rows, require_columns
 
@@ -362,6 +362,8 @@ def exclude(table: pd.DataFrame, rules: Sequence[str]) -> tuple[pd.DataFrame, li
     InputError
         If a rule is wrong, or nothing is left.
     """
+    if rules and (table["participant"] == MEANS).all():
+        raise InputError("exclude: only means are known, and no participants or trials of theirs")
     exclusions = []
     for rule in rules:
         name, equals, value = (part.strip() for part in rule.partition("="))

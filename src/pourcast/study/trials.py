@@ -49,12 +49,9 @@ class Trials:
     means_of: NDArray[np.float64] | None = None
 
     @property
-    def people(self) -> str:
-        """How many participants there were, in words."""
-        count = len(self.participants)
-        if self.means_of is not None:
-            return "means of participants"
-        return f"{count} participant{'s' if count > 1 else ''}"
+    def participant_count(self) -> int:
+        """How many participants are known; 0 where only means are."""
+        return 0 if self.means_of is not None else len(self.participants)
 
 
 def arrange(table: pd.DataFrame, scenes: Sequence[Scene], source: str) -> list[Trials]:
