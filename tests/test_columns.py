@@ -1,5 +1,6 @@
 """Tables of other programs, read by a mapping: what they hold, what is left out and told."""
 
+import hashlib
 import re
 import shutil
 from pathlib import Path
@@ -9,7 +10,9 @@ import pandas as pd
 import pytest
 
 from pourcast import cli
+from pourcast.comparison.compare import ComparisonOptions, compare_study
 from pourcast.errors import InputError, ManyFaultsError
+from pourcast.report.methods import provenance
 from pourcast.scenes.scene_file import write_scenes
 from pourcast.study.columns import Columns, find_columns, parse_columns, read_columns
 from pourcast.study.responses import read_responses
@@ -104,6 +107,24 @@ def test_means_are_of_nobody(tmp_path):
     (trials,) = arrange(read(tmp_path, "means"), SCENES, "")
     assert trials.responses.shape == (1, 4)
     assert trials.means_of.tolist() == [31, 31, 30, 31]
+
+
+def test_a_mapping_in_the_study_is_found_told_and_kept_in_the_report(tmp_path, capsys):
+    study = tmp_path / "study"
+    write_scenes(study / "scenes.json", SCENES)
+    (study / "responses").mkdir()
+    shutil.copy(TABLES / "jspsych.csv", study / "responses")
+    shutil.copy(mapping(tmp_path, "jspsych"), study / "responses" / "columns.toml")
+    assert cli.run(["compare", str(study), "-m", "gravity"]) == 0
+    printed = capsys.readouterr().out
+    assert f"columns are mapped by {study / 'responses' / 'columns.toml'}" in printed
+    assert "jspsych.csv: 6 rows, 4 of them trials; left out: 2 no trials" in printed
+    assert "jspsych.csv: responses are on the scale 0..100" in printed
+    found = provenance(compare_study(study, ComparisonOptions(models=("gravity",))))
+    digest = hashlib.sha256((study / "responses" / "columns.toml").read_bytes()).hexdigest()
+    assert dict(found)["columns of the responses"] == f"columns.toml: sha256 {digest}"
+    assert cli.run(["compare", str(study), "-m", "gravity", "--scale", "0-10"]) == 2
+    assert "scale: --scale has another one than the mapping (0-100)" in capsys.readouterr().err
 
 
 # What is wrong ---------------------------------------------------------------------------

@@ -115,11 +115,13 @@ def read_responses(
     """
     columns = columns or Columns()
     recoded = recode(path, columns, [scene.id for scene in scenes])
+    used = columns.scale_or(scale) or SHARES
     checked = check_responses(
-        recoded.table, path, scenes, scale=columns.scale_or(scale) or SHARES, own=own,
-        experiment=experiment, rows=recoded.rows, names=recoded.names,
+        recoded.table, path, scenes, scale=used, own=own, experiment=experiment,
+        rows=recoded.rows, names=recoded.names,
     )  # fmt: skip
-    checked.attrs["told"] = recoded.remarks
+    said = [] if used == SHARES else [f"{path.name}: responses are on the scale {used.words}"]
+    checked.attrs["told"] = (*recoded.remarks, *said)
     return checked
 
 

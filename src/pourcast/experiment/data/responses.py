@@ -96,7 +96,8 @@ def find_responses(study: Path) -> Path:
     if len(sources) > 1:
         names = ", ".join(str(path.relative_to(study)) for path in sources)
         raise InputError(
-            f"{study}: more than one source of responses ({names}); name one with --responses"
+            f"{study}: more than one source of responses ({names}); name one with --responses, "
+            f"or {study / RESPONSES}, if they are one table a person"
         )
     return sources[0]
 
