@@ -15,6 +15,7 @@ from pourcast.errors import InputError, ManyFaultsError
 from pourcast.report.methods import provenance
 from pourcast.scenes.scene_file import write_scenes
 from pourcast.study.columns import Columns, find_columns, parse_columns, read_columns
+from pourcast.study.programs import SHORT
 from pourcast.study.responses import read_responses
 from pourcast.study.trials import arrange, uncompared
 from tests.comparison.make import voronoi_scenes
@@ -62,15 +63,17 @@ HELD = {
 }
 """Participant -> scene -> response; None where it is missing."""
 
+FILES_OF_SHORT = ("jspsych", "psychopy", "qualtrics", "matrix", "labjs", "means")
+"""In the order of `SHORT`."""
+
 TIMES = {"jspsych": [2.3919, 3.7502, np.nan, 8.13], "psychopy": [2.392, 3.75, np.nan] * 2,
          "labjs": [2.3924, 3.7509]}  # fmt: skip
 
 TOLD = {
     "jspsych": "jspsych.csv: 6 rows, 4 of them trials; left out: 2 no trials",
-    "psychopy": "7_pour_2025-05-07_10h14.22.csv: 5 rows, 3 of them trials; left out: "
-    "1 of practice, 1 no trials",
+    "psychopy": "psychopy: 10 rows, 6 of them trials; left out: 2 of practice, 2 no trials",
     "qualtrics": "qualtrics.csv: columns that name no scene are left alone: StartDate, Finished, Q9",
-    "matrix": "",
+    "matrix": "matrix.csv: responses are those of 4 columns: exp1-001 (exp1-001), exp1-002",
     "labjs": "labjs.csv: 4 rows, 2 of them trials; left out: 2 no trials",
     "means": "",
 }
@@ -94,6 +97,15 @@ def test_a_mapping_reads_what_programs_write(tmp_path, program):
     missing = sum(value is None for scenes in HELD[program].values() for value in scenes.values())
     said = f"{missing} test trials have no response: they count as missing"
     assert (said in uncompared(table)) == (missing > 0)
+
+
+def test_the_short_mappings_of_the_help_read_what_programs_write():
+    for short, file in zip(SHORT.values(), FILES_OF_SHORT, strict=True):
+        table = read_responses(TABLES / FILES[file], SCENES, columns=parse_columns(short))
+        values = sorted(table["response"].dropna())
+        assert values == pytest.approx(
+            sorted(v for one in HELD[file].values() for v in one.values() if v is not None)
+        )
 
 
 def test_who_did_not_finish_is_left_out_if_that_is_said(tmp_path):
@@ -275,7 +287,7 @@ def test_a_folder_is_one_table_and_all_its_faults_are_told(tmp_path):
     with pytest.raises(ManyFaultsError) as error:
         read_responses(folder, SCENES, columns=columns)
     assert [Path(line.partition(":")[0]).name for line in error.value.lines] == ["10.csv", "9.csv"]
-    with pytest.raises(InputError, match=r"no table, expected \.csv or \.parquet files"):
+    with pytest.raises(InputError, match=r"no table, expected \.csv, \.tsv, \.parquet"):
         (tmp_path / "empty").mkdir()
         read_responses(tmp_path / "empty", SCENES)
 
@@ -317,6 +329,49 @@ def test_a_liquid_may_stand_in_a_wide_table_s_header(tmp_path):
         "water": 0.1,
         "honey-exp1": 0.2,
     }
+
+
+def test_columns_that_are_ids_are_the_scenes_and_others_are_not(tmp_path):
+    text = "participant,liquid,exp1-001,exp1-001_First Click,exp1-002\np,water,0.5,3.2,0.7\n"
+    table = table_of(tmp_path, text, "wide:true")
+    assert table["response"].tolist() == [0.5, 0.7]
+    assert "left alone: exp1-001_First Click" in " ".join(table.attrs["told"])
+
+
+def test_headers_with_line_breaks_are_left_out_whole(tmp_path):
+    text = 'ResponseId,exp1-001_1\n"The\nid","How\nmuch\n?"\n"{""a"":1}","{""b"":2}"\nR_1,0.5\n'
+    table = table_of(tmp_path, text, "participant=ResponseId,liquid:water,wide:true,header_rows:2")
+    assert table[["participant", "response", "row"]].to_numpy().tolist() == [
+        ["R_1", 0.5, "4 (exp1-001_1)"]
+    ]
+
+
+def test_a_response_may_be_a_part_of_a_text(tmp_path):
+    columns = tmp_path / "columns.toml"
+    columns.write_text("response = { column = 'said', pattern = '^(\\d+) of' }\nscale = '0-100'\n")
+    path = tmp_path / "t.csv"
+    path.write_text(
+        "participant,scene,liquid,said\np,exp1-001,water,63 of 100\np,exp1-002,water,\n"
+    )
+    table = read_responses(path, SCENES, columns=read_columns(columns))
+    assert table["response"].tolist() == pytest.approx([0.63, np.nan], nan_ok=True)
+    path.write_text("participant,scene,liquid,said\np,exp1-001,water,most of it\n")
+    with pytest.raises(InputError, match="row 2, column said: expected a text that matches"):
+        read_responses(path, SCENES, columns=read_columns(columns))
+
+
+def test_tabs_may_stand_in_a_tsv_file(tmp_path):
+    text = "participant\tscene\tliquid\tresponse\np\texp1-001\twater\t0.5\n"
+    for name in ("t.tsv", "t.txt"):
+        table = table_of(tmp_path, text, name=name)
+        assert table["response"].tolist() == [0.5]
+        assert table.attrs["told"] == (f"{name}: read as separated by tabs",)
+
+
+def test_a_constant_that_was_taken_for_a_column_is_explained(tmp_path):
+    text = "participant,scene,response\np,exp1-001,0.5\n"
+    with pytest.raises(InputError, match=r"'water' \(liquid\) is missing.*what all rows share is"):
+        table_of(tmp_path, text, "liquid=water")
 
 
 def test_parquet_is_mapped_too(tmp_path):
@@ -363,4 +418,4 @@ def test_of_many_faults_the_first_are_told_and_the_number(tmp_path):
     with pytest.raises(ManyFaultsError) as error:
         table_of(tmp_path, "\n".join(["participant,scene,liquid,response", *liquids, ""]))
     assert len(error.value.lines) == 21
-    assert error.value.lines[-1] == "and 10 more faults of this kind"
+    assert error.value.lines[-1] == "and 10 more faults"

@@ -164,7 +164,7 @@ def test_a_table_is_read_however_it_is_written_and_that_is_told(tmp_path, how, t
     path = tmp_path / "r.csv"
     path.write_bytes(WAYS[how](good()))
     table = read_responses(path, scenes())
-    assert " ".join(table.attrs["told"]) == (told and f"r.csv was read as {told}")
+    assert " ".join(table.attrs["told"]) == (told and f"r.csv: read as {told}")
     found = arrange(table, scenes(), "")
     assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
 
@@ -248,7 +248,7 @@ def test_not_a_table_of_responses(tmp_path, text, said):
 def test_no_file_and_a_wrong_one(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_responses(tmp_path / "none.csv", scenes())
-    with pytest.raises(InputError, match=r"\.csv or \.parquet"):
+    with pytest.raises(InputError, match=r"expected a \.csv, \.tsv, \.txt or \.parquet"):
         read_responses(tmp_path / "r.xlsx", scenes())
 
 

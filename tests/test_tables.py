@@ -37,7 +37,7 @@ letters = st.characters(
 names = st.one_of(st.sampled_from(AWKWARD), st.text(letters, min_size=1, max_size=12))
 
 
-@hypothesis.settings(max_examples=150, deadline=None)
+@hypothesis.settings(max_examples=60, deadline=None)
 @hypothesis.given(texts=st.lists(names, min_size=1, max_size=4))
 @hypothesis.example(texts=list(AWKWARD))
 def test_names_come_back_from_a_file_as_they_were(tmp_path_factory, texts):

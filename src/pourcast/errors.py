@@ -76,7 +76,7 @@ class Faults:
         """
         lines = list(dict.fromkeys(self.lines))
         if len(lines) > self.MOST:
-            lines[self.MOST :] = [f"and {len(lines) - self.MOST} more faults of this kind"]
+            lines[self.MOST :] = [f"and {len(lines) - self.MOST} more faults"]
         if lines:
             raise ManyFaultsError(lines) if len(lines) > 1 else InputError(lines[0])
 

@@ -20,6 +20,8 @@ from pourcast.errors import InputError
 from pourcast.files import replacing
 
 TABLE_SUFFIXES = (".csv", ".parquet")
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
+"""Tables as text, of which we write the first only."""
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 """What separates the columns of a CSV file, and in words; of as many, the first."""
@@ -52,9 +54,9 @@ def check_table_path(path: Path) -> None:
 
 
 def read_table(path: Path, *, text: Sequence[str] = (), extra_header_rows: int = 0) -> pd.DataFrame:
-    """Read a table, a .csv or .parquet file.
+    """Read a table: a .parquet file, or a .csv, .tsv or .txt file.
 
-    A CSV file may be written as programs and spreadsheets do: in UTF-8, UTF-16 or Windows-1252,
+    These may be written as programs and spreadsheets do: in UTF-8, UTF-16 or Windows-1252,
     separated by commas, semicolons or tabs, with decimal points or commas.
 
     Parameters
@@ -79,10 +81,11 @@ def read_table(path: Path, *, text: Sequence[str] = (), extra_header_rows: int =
     InputError
         One line that names the file, if it can't be read or is no table.
     """
-    if path.suffix.lower() not in TABLE_SUFFIXES:
-        raise InputError(f"{path}: expected a {' or '.join(TABLE_SUFFIXES)} file")
+    suffix = path.suffix.lower()
+    if suffix not in (*TEXT_SUFFIXES, ".parquet"):
+        raise InputError(f"{path}: expected a {', '.join(TEXT_SUFFIXES)} or .parquet file")
     try:
-        if path.suffix.lower() == ".parquet":
+        if suffix == ".parquet":
             return pd.read_parquet(path)
         return _read_csv(path.read_bytes(), text, extra_header_rows)
     except OSError as error:

@@ -104,7 +104,7 @@ def test_how_a_table_was_read_is_told(answered, capsys):
     path = folder / "responses" / "odd.csv"
     pd.read_csv(path).to_csv(path, index=False, sep=";", decimal=",")
     found, printed = compared(folder, capsys)
-    assert "odd.csv was read as separated by semicolons, with decimal commas" in printed
+    assert "odd.csv: read as separated by semicolons, with decimal commas" in printed
     assert found["agreement"]["r_low"].notna().all()
 
 

@@ -23,6 +23,7 @@ from pourcast.cli.terminal import (
     records,
     resumable,
 )
+from pourcast.study.programs import SHORT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,6 +69,14 @@ BayesOption = Annotated[
 ]
 
 
+_TABLES = "\n\n".join(
+    [
+        "Tables of other programs, by --columns (a file says more, and keeps it):",
+        *(f"{program}: {columns}" for program, columns in SHORT.items()),
+    ]
+)
+
+
 def _options(
     responses: Path | None,
     model: list[str] | None,
@@ -96,7 +105,7 @@ def _options(
     )
 
 
-@app.command()
+@app.command(epilog=_TABLES)
 def compare(
     study: StudyArgument,
     responses: ResponsesOption = None,

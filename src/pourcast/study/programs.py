@@ -2,6 +2,18 @@
 
 from collections.abc import Collection, Sequence
 
+SHORT = {
+    "jsPsych": "participant=subject,scene=stimulus,liquid:water,rt_unit:ms,scale:0-100,"
+    "trials.trial_type:image-slider-response",
+    "PsychoPy": "liquid=fluid,response=slider.response,rt=slider.rt,scale:-1..1,"
+    "trials.trials.thisN:*",
+    "Qualtrics": "participant=ResponseId,liquid:water,wide:true,header_rows:2,scale:0-100",
+    "a matrix": "liquid:water,wide:true",
+    "lab.js": "participant:NAME,rt=duration,rt_unit:ms,scale:0-100,trials.sender:slider",
+    "means": "response=mean,liquid:water,means:true,answers=n",
+}
+"""Short mappings of programs' tables; names of columns, and of screens, are a study's own."""
+
 _HOW = "say which column is which with --columns, such as"
 
 _PEOPLE = (

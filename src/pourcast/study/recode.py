@@ -1,6 +1,7 @@
 """Tables of other programs, recoded into tables of responses by a mapping (`study.columns`)."""
 
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from pourcast.errors import Faults, InputError
 from pourcast.files import finished_files
 from pourcast.study.columns import ANY, FIELDS, Columns, Source, plain_text
 from pourcast.study.programs import hint
-from pourcast.tables import FIRST_ROW, MISSING, TABLE_SUFFIXES, read_table, refuse_rows
+from pourcast.tables import FIRST_ROW, MISSING, read_table, refuse_rows
 
 REQUIRED = ("participant", "scene", "liquid", "response")
 """Columns that a table of responses must have."""
@@ -21,8 +22,14 @@ REQUIRED = ("participant", "scene", "liquid", "response")
 TEXT = ("participant", "scene", "liquid", "phase")
 """Columns of names, even where these look like numbers."""
 
+SUFFIXES = (".csv", ".tsv", ".parquet")
+"""Files of a folder that are tables; a .txt file may be anything, and must be named."""
+
 MEANS = ""
 """Stands for the participant where only means are known; nobody is called so."""
+
+_TRIALS, _PRACTICE, _OTHER = "trials", "of practice", "no trials"
+"""Kinds of rows."""
 
 _MOST_NAMED = 8
 
@@ -49,13 +56,23 @@ class Recoded:
     remarks: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _Part:
+    """A file's table, recoded; how many rows of which kind there were; what else is to be said."""
+
+    table: pd.DataFrame
+    rows: tuple[int | str, ...]
+    counts: Counter[str]
+    said: tuple[str, ...]
+
+
 def recode(path: Path, columns: Columns, scene_ids: Collection[str]) -> Recoded:
     """Read a table, or a folder of tables, by a mapping.
 
     Parameters
     ----------
     path
-        A .csv or .parquet file, or a folder of them, which are read in the order of their names.
+        A table, or a folder of tables, which are read in the order of their names.
     columns
         Which column is what.
     scene_ids
@@ -66,49 +83,51 @@ def recode(path: Path, columns: Columns, scene_ids: Collection[str]) -> Recoded:
     InputError
         Names the file and all columns that are missing, or the rows that are wrong.
     """
-    if not path.is_dir():
-        return _some(path, _file(path, columns, scene_ids))
-    files = [one for one in finished_files(path) if one.suffix.lower() in TABLE_SUFFIXES]
+    files = table_files(path) if path.is_dir() else [path]
     if not files:
-        raise InputError(f"{path}: no table, expected {' or '.join(TABLE_SUFFIXES)} files")
+        raise InputError(f"{path}: no table, expected {', '.join(SUFFIXES)} files")
     parts, faults = [], Faults()
     for file in files:
         with faults:
             parts.append(_file(file, columns, scene_ids))
     faults.refuse()
+    remarks = _remarks(path, parts)
+    table = pd.concat([one.table for one in parts], ignore_index=True)
+    if table.empty:
+        raise InputError("; ".join((f"{path}: no rows, expected one a trial", *remarks)))
     rows = [
-        f"{row} of {file.name}" for file, one in zip(files, parts, strict=True) for row in one.rows
+        f"{row} of {file.name}" if path.is_dir() else row
+        for file, one in zip(files, parts, strict=True)
+        for row in one.rows
     ]
-    whole = Recoded(
-        pd.concat([one.table for one in parts], ignore_index=True),
-        tuple(rows),
-        parts[0].names,
-        (f"{path.name}: {len(files)} tables", *(said for one in parts for said in one.remarks)),
-    )
-    return _some(path, whole)
+    names = {name: source.column for name, source in columns.sources.items() if source.column}
+    return Recoded(table, tuple(rows), names, tuple(remarks))
 
 
-def _some(path: Path, found: Recoded) -> Recoded:
-    """Refuse a table without any trial."""
-    if found.table.empty:
-        raise InputError("; ".join((f"{path}: no rows, expected one a trial", *found.remarks)))
-    return found
+def table_files(folder: Path) -> list[Path]:
+    """Tables in a folder, in the order of their names."""
+    return [one for one in finished_files(folder) if one.suffix.lower() in SUFFIXES]
 
 
-def _file(path: Path, columns: Columns, scene_ids: Collection[str]) -> Recoded:
-    if columns.header_rows and path.suffix.lower() == ".parquet":
-        raise InputError(f"{path}: header_rows: a Parquet table has none")
-    texts = {
-        name for name in columns.needed if columns.needed[name] in (*TEXT, "trials", "practice")
-    }
-    raw = read_table(path, text=sorted({*TEXT, *texts}), extra_header_rows=columns.header_rows)
-    read_as, decimal = raw.attrs.get("read_as", ""), raw.attrs.get("decimal", ".")
-    raw.index = pd.Index(np.arange(len(raw)) + FIRST_ROW + columns.header_rows)
-    raw = raw[raw.notna().any(axis=1)]
+def _remarks(path: Path, parts: Sequence[_Part]) -> list[str]:
+    """What is to be said of all tables together."""
+    counts = sum((one.counts for one in parts), Counter())
+    said = list(dict.fromkeys(text for one in parts for text in one.said))
+    if counts[_PRACTICE] or counts[_OTHER]:
+        left_out = [f"{counts[what]} {what}" for what in (_PRACTICE, _OTHER) if counts[what]]
+        said.insert(
+            0,
+            f"{counts.total()} rows, {counts[_TRIALS]} of them trials; left out: "
+            f"{', '.join(left_out)}",
+        )
+    tables = [f"{len(parts)} tables"] if path.is_dir() else []
+    return [f"{path.name}: {text}" for text in (*tables, *said)]
+
+
+def _file(path: Path, columns: Columns, scene_ids: Collection[str]) -> _Part:
+    raw, read_as = _raw(path, columns)
     _require(path, raw, columns, scene_ids)
-    remarks = [f"{path.name} was read as {read_as}"] if read_as else []
-    kept, left_out = _trials(path, raw, columns)
-    remarks += left_out
+    kept, counts = _trials(raw, columns)
     values = {
         name: _values(path, raw, source, kept)
         for name, source in columns.sources.items()
@@ -117,20 +136,31 @@ def _file(path: Path, columns: Columns, scene_ids: Collection[str]) -> Recoded:
     if columns.means:
         values["participant"] = pd.Series(MEANS, index=raw.index)
     table = raw.assign(**values)[kept]
+    said = [f"read as {read_as}"] if read_as else []
+    if not kept.any():
+        said += [_found(raw, name) for name in columns.trials]
     rows: tuple[int | str, ...] = tuple(table.index.to_list())
     if columns.wide:
-        table, rows, said = _long(path, table, columns, scene_ids)
-        remarks += said
-    elif columns.scene is None or columns.scene.pattern is None:
-        table, said = _with_scene_ids(path, table, columns, scene_ids)
-        remarks += said
+        table, rows, more = _long(path, table, columns, scene_ids)
+    else:
+        table, more = _with_scene_ids(table, columns, scene_ids)
     for name in {"response", "rt"} & set(table.columns):
-        table[name] = _numbers(table[name], columns.missing, decimal)
+        table[name] = _numbers(table[name], columns.missing, raw.attrs.get("decimal", "."))
     if columns.rt_unit == "ms" and "rt" in table:
         seconds = pd.to_numeric(table["rt"], errors="coerce") / 1000.0
         table["rt"] = seconds.where(seconds.notna(), table["rt"])
-    names = {name: source.column for name, source in columns.sources.items() if source.column}
-    return Recoded(table.reset_index(drop=True), rows, names, tuple(remarks))
+    return _Part(table.reset_index(drop=True), rows, counts, (*said, *more))
+
+
+def _raw(path: Path, columns: Columns) -> tuple[pd.DataFrame, str]:
+    """A table as it is in the file, by the numbers of its rows, and how it was read."""
+    if columns.header_rows and path.suffix.lower() == ".parquet":
+        raise InputError(f"{path}: header_rows: a Parquet table has none")
+    texts = {name for name, what in columns.needed.items() if what in (*TEXT, "trials", "practice")}
+    raw = read_table(path, text=sorted({*TEXT, *texts}), extra_header_rows=columns.header_rows)
+    raw.columns = raw.columns.map(str)
+    raw.index = pd.Index(np.arange(len(raw)) + FIRST_ROW + columns.header_rows)
+    return raw[raw.notna().any(axis=1)], raw.attrs.get("read_as", "")
 
 
 def _require(path: Path, raw: pd.DataFrame, columns: Columns, scene_ids: Collection[str]) -> None:
@@ -146,10 +176,11 @@ def _require(path: Path, raw: pd.DataFrame, columns: Columns, scene_ids: Collect
     some = "columns" if len(missing) > 1 else "column"
     verb = "are" if len(missing) > 1 else "is"
     there = [str(name) for name in raw.columns if not str(name).startswith("Unnamed: ")]
-    suggestion = f"; {hint(there, scene_ids)}" if columns == Columns() else ""
+    constant = 'what all rows share is { value = "..." }, or NAME:VALUE in the short form'
+    suggestion = hint(there, scene_ids) if columns == Columns() else constant
     raise InputError(
         f"{path}: {some} {', '.join(missing)} {verb} missing; expected {', '.join(REQUIRED)}, "
-        f"found {', '.join(there)}{suggestion}"
+        f"found {', '.join(there)}; {suggestion}"
     )
 
 
@@ -165,20 +196,22 @@ def _meets(raw: pd.DataFrame, conditions: Mapping[str, tuple[str, ...]]) -> "pd.
     return met
 
 
-def _trials(path: Path, raw: pd.DataFrame, columns: Columns) -> tuple["pd.Series[bool]", list[str]]:
-    """Which rows are trials, and what is said of the others."""
+def _trials(raw: pd.DataFrame, columns: Columns) -> tuple["pd.Series[bool]", Counter[str]]:
+    """Which rows are trials, and how many are and aren't."""
     trials = _meets(raw, columns.trials)
     practice = _meets(raw, columns.practice) if columns.practice else ~trials & False
-    kept = trials & ~practice
-    counts = {"of practice": practice.sum(), "no trials": (~trials & ~practice).sum()}
-    left_out = [f"{count} {what}" for what, count in counts.items() if count]
-    said = f"{path.name}: {len(raw)} rows, {kept.sum()} of them trials; left out: "
-    there = "" if kept.any() else "".join(_found(raw, name) for name in columns.trials)
-    return kept, [said + ", ".join(left_out) + there] if left_out else []
+    counts = Counter(
+        {
+            _TRIALS: int((trials & ~practice).sum()),
+            _PRACTICE: int(practice.sum()),
+            _OTHER: int((~trials & ~practice).sum()),
+        }
+    )
+    return trials & ~practice, counts
 
 
 def _found(raw: pd.DataFrame, column: str) -> str:
-    return f"; found in {column}: {_listed(list(raw[column].dropna().unique()))}"
+    return f"found in {column}: {_listed(list(raw[column].dropna().unique()))}"
 
 
 # Cells ---------------------------------------------------------------------------------
@@ -194,6 +227,7 @@ def _values(
     cells = raw[source.column]
     if source.pattern is not None:
         cells = cells.astype("string").str.extract(source.pattern, expand=False).astype(object)
+        cells = cells.where(cells.notna(), np.nan)
     if source.fill:
         return cells.ffill()
     wrong = kept & cells.isna() & raw[source.column].notna()
@@ -233,29 +267,34 @@ def _finder(scene_ids: Collection[str]) -> re.Pattern[str]:
 
 
 def _with_scene_ids(
-    path: Path, table: pd.DataFrame, columns: Columns, scene_ids: Collection[str]
+    table: pd.DataFrame, columns: Columns, scene_ids: Collection[str]
 ) -> tuple[pd.DataFrame, list[str]]:
     """Ids of scenes in place of texts that hold one; other texts stay, to be refused later."""
-    if columns.scene is None or not scene_ids:
+    if columns.scene is None or columns.scene.pattern is not None:
         return table, []
     finder = _finder(scene_ids)
     found = {text: set(finder.findall(str(text))) for text in table["scene"].dropna().unique()}
-    ids = {text: one.pop() for text, one in found.items() if len(one) == 1 and one != {text}}
+    ids = {
+        text: one.pop()
+        for text, one in found.items()
+        if len(one) == 1 and text not in set(scene_ids)
+    }
     if not ids:
         return table, []
-    text, scene = next(iter(ids.items()))
-    said = f"{path.name}: scenes are those that {columns.scene.column} names ({text!r}: {scene})"
+    text, scene = min(ids.items())
+    said = f"scenes are those that {columns.scene.column} names, as {text!r}: {scene}"
     return table.assign(scene=table["scene"].map(lambda cell: ids.get(cell, cell))), [said]
 
 
 def _long(
     path: Path, table: pd.DataFrame, columns: Columns, scene_ids: Collection[str]
 ) -> tuple[pd.DataFrame, tuple[str, ...], list[str]]:
-    """A wide table with a row a response; which row and column each was; what was left alone."""
-    scenes = _scene_columns(columns, [str(name) for name in table.columns], scene_ids)
+    """A wide table with a row a response; which row and column each was; what is to be said."""
+    scenes = _scene_columns(columns, list(table.columns), scene_ids)
     if not scenes:
-        names = ", ".join(map(str, table.columns))
-        raise InputError(f"{path}: no column names a scene of the study; found {names}")
+        raise InputError(
+            f"{path}: no column names a scene of the study; found {', '.join(table.columns)}"
+        )
     base = [name for name in FIELDS if name in table and name not in ("scene", "response")]
     parts = []
     for place, (column, scene) in enumerate(scenes.items()):
@@ -266,21 +305,24 @@ def _long(
     # By rows, then columns, as one reads.
     long = pd.concat(parts).rename_axis("_line").reset_index().sort_values(["_line", "_place"])
     others = [name for name in table.columns if name not in (*scenes, *base, *columns.needed)]
-    said = [f"{path.name}: columns that name no scene are left alone: {_listed(others)}"]
-    rows = tuple(long["_row"])
-    return long.drop(columns=["_line", "_place", "_row"]), rows, said if others else []
+    there = [f"{column} ({scene})" for column, scene in scenes.items()]
+    said = [f"responses are those of {len(there)} columns: {_listed(there)}"]
+    said += [f"columns that name no scene are left alone: {_listed(others)}"] if others else []
+    return long.drop(columns=["_line", "_place", "_row"]), tuple(long["_row"]), said
 
 
 def _scene_columns(
     columns: Columns, names: Sequence[str], scene_ids: Collection[str]
 ) -> dict[str, str]:
-    """Columns of a wide table that name a scene, and its id."""
-    others = set(columns.needed)
+    """Columns of a wide table that name a scene, and its id; if any are ids themselves, those."""
+    names = [name for name in names if name not in columns.needed]
     if columns.scene is not None and columns.scene.pattern is not None:
         matches = {name: re.search(columns.scene.pattern, name) for name in names}
-        return {name: one[1] for name, one in matches.items() if one and name not in others}
+        return {name: one[1] for name, one in matches.items() if one}
+    if exact := {name: name for name in names if name in set(scene_ids)}:
+        return exact
     finder = _finder(scene_ids)
-    found = {name: set(finder.findall(name)) for name in names if name not in others}
+    found = {name: set(finder.findall(name)) for name in names}
     return {name: one.pop() for name, one in found.items() if len(one) == 1}
 
 

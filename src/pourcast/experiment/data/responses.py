@@ -7,10 +7,10 @@ import pandas as pd
 
 from pourcast.errors import InputError
 from pourcast.extras import require_extra
-from pourcast.files import finished_files
 from pourcast.scenes.scene import Scene
 from pourcast.study.columns import find_columns
 from pourcast.study.folder import DATABASE, study_experiment, study_liquids
+from pourcast.study.recode import table_files
 from pourcast.study.responses import TEST, check_responses, read_responses
 from pourcast.study.scale import Scale
 
@@ -80,9 +80,8 @@ def find_responses(study: Path) -> Path:
     InputError
         If there are none, or more than one.
     """
-    sources = sorted(
-        path for path in finished_files(study / RESPONSES) if path.suffix in (".csv", ".parquet")
-    )
+    folder = study / RESPONSES
+    sources = table_files(folder) if folder.is_dir() else []
     if (study / DATABASE).is_file() and (not sources or len(_collected(study / DATABASE))):
         sources.insert(0, study / DATABASE)
     if not sources and (study / JOURNAL).is_file() and not (study / DATABASE).is_file():
