@@ -13,7 +13,7 @@ from pourcast.comparison.choice import read_choice
 from pourcast.errors import InputError
 from pourcast.prediction import predict, summarise
 from pourcast.sweep.judgments import read_judgments, study_judgments
-from pourcast.tables import read_table, write_table
+from pourcast.tables import csv_bytes, read_table, write_table
 from tests.make import ramp_scene, random_scenes
 
 
@@ -42,7 +42,7 @@ names = st.one_of(st.sampled_from(AWKWARD), st.text(letters, min_size=1, max_siz
 @hypothesis.example(texts=list(AWKWARD))
 def test_names_come_back_from_a_file_as_they_were(tmp_path_factory, texts):
     path = tmp_path_factory.getbasetemp() / "names.csv"
-    write_table(path, pd.DataFrame({"name": texts, "value": 0.5}))
+    path.write_bytes(csv_bytes(pd.DataFrame({"name": texts, "value": 0.5})))
     assert read_table(path, text=("name",))["name"].tolist() == texts
 
 
@@ -52,6 +52,13 @@ def test_what_a_spreadsheet_would_change_has_an_apostrophe_and_nothing_else_has(
     path = tmp_path / "t.csv"
     write_table(path, pd.DataFrame({"name": [text, *plain], "value": -1.5}))
     assert path.read_text().splitlines()[1:] == [f"{one},-1.5" for one in (f"'{text}", *plain)]
+
+
+def test_a_header_is_guarded_against_formulas_alone(tmp_path):
+    path = tmp_path / "t.csv"
+    write_table(path, pd.DataFrame({"=x": [1], "0.5": [2], "MAR1": [3]}))
+    assert path.read_text().splitlines()[0] == "'=x,0.5,MAR1"
+    assert list(read_table(path)) == ["=x", "0.5", "MAR1"]
 
 
 @pytest.mark.parametrize(("text", "begin"), [("ana", b"name"), ("an\u00e9", codecs.BOM_UTF8)])

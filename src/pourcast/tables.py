@@ -304,7 +304,7 @@ def csv_bytes(table: pd.DataFrame, *, mark: bool = True) -> bytes:
 
 
 def guarded(table: pd.DataFrame) -> pd.DataFrame:
-    """A table with an apostrophe before what a spreadsheet would change, in its header, too.
+    """A table with an apostrophe before what a spreadsheet would change; in its header, formulas.
 
     `read_table` takes it off again.
 
@@ -340,30 +340,36 @@ def _would_change(text: str) -> bool:
     if _SAME_NUMBER.fullmatch(core):
         return False
     return bool(
-        _FORMULA.match(core)
+        _is_formula(text)
         or _NUMBER.fullmatch(core)
         or _DATE.fullmatch(core)
         or core.lower() in _TRUTH
     )
 
 
-def _with_guard(text: str) -> str:
-    return f"'{text}" if _would_change(text) else text
+def _is_formula(text: str) -> bool:
+    return _FORMULA.match(text.lstrip("'")) is not None
 
 
-def _without_guard(text: str) -> str:
-    return text[1:] if text.startswith("'") and _would_change(text) else text
+def _with_guard(text: str, changes: Callable[[str], bool]) -> str:
+    return f"'{text}" if changes(text) else text
 
 
-def _in_texts(table: pd.DataFrame, change: Callable[[str], str]) -> pd.DataFrame:
-    """A table with all its texts changed, those of the header, too."""
+def _without_guard(text: str, changes: Callable[[str], bool]) -> str:
+    return text[1:] if text.startswith("'") and changes(text) else text
 
-    def changed(value: Any) -> Any:
-        return change(value) if isinstance(value, str) else value
 
-    table = table.rename(columns=changed)
+def _in_texts(
+    table: pd.DataFrame, guard: Callable[[str, Callable[[str], bool]], str]
+) -> pd.DataFrame:
+    """A table with a guard set, or taken off, in all its texts and its header."""
+
+    def changed(value: Any, changes: Callable[[str], bool]) -> Any:
+        return guard(value, changes) if isinstance(value, str) else value
+
+    table = table.rename(columns=lambda name: changed(name, _is_formula))
     for name in _text_columns(table):
-        table[name] = table[name].map(changed)
+        table[name] = table[name].map(lambda value: changed(value, _would_change))
     return table
 
 
