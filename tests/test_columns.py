@@ -179,6 +179,9 @@ def _guess(error):
         ("means = true\nwide = true", "means: they are of no participant"),
         ('answers = "n"', "answers: goes with `means = true`"),
         ("wide = ", "not TOML"),
+        ("participant = 3", "participant: expected a column's name, or such as"),
+        ("trials = { kind = { a = 1 } }", "trials.kind: expected a value, or a list of values"),
+        ('trials = "slider"', "trials: "),
     ],
 )
 def test_a_wrong_mapping_is_told_in_a_line(tmp_path, text, said):
@@ -229,6 +232,13 @@ def test_what_does_not_fit_is_named_as_the_file_names_it(tmp_path, program, chan
     assert change[0] in text
     with pytest.raises(InputError, match=said):
         read(tmp_path, program, text.replace(*change))
+
+
+def test_a_mapping_without_a_table_is_refused(tmp_path, capsys):
+    out = str(tmp_path / "out")
+    assert cli.run(["reproduce", "exp1", "-o", out, "--columns", "participant=p"]) == 2
+    assert "columns: goes with --responses" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_scale_is_said_once(tmp_path):

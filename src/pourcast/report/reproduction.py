@@ -8,7 +8,7 @@ from pathlib import Path
 from pourcast.comparison.agreement import Settings
 from pourcast.comparison.choice import candidates, count_without_alphas, read_choice
 from pourcast.comparison.compare import Comparison, ComparisonOptions, compare_study
-from pourcast.errors import StoreError
+from pourcast.errors import InputError, StoreError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.models.registry import complete_presets
 from pourcast.networks.training.pair import DEFAULT_SCENES as CONVNET_SCENES
@@ -90,6 +90,10 @@ class Reproduction:
     columns: str | None = None
     with_convnet: bool = False
     convnet_scenes: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.columns is not None and self.responses is None:
+            raise InputError("columns: goes with --responses")
 
     @property
     def networks(self) -> NetworkRequest:

@@ -74,12 +74,16 @@ class Source(Frozen):
 
 def _named(given: Any) -> Any:
     """A text alone names a column."""
+    if not isinstance(given, str | Mapping | Source):
+        raise ValueError('expected a column\'s name, or such as { value = "..." }')
     return {"column": given} if isinstance(given, str) else given
 
 
 def _texts(given: Any) -> Any:
     """One value or several, as cells have them."""
     values = given if isinstance(given, list | tuple) else [given]
+    if not all(isinstance(value, str | int | float) for value in values):
+        raise ValueError("expected a value, or a list of values")
     return tuple(plain_text(value) for value in values)
 
 
