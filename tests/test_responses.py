@@ -299,6 +299,14 @@ def test_a_row_that_was_pasted_twice_counts_once_and_is_told(tmp_path, column):
     assert averaged.startswith("1 trials of 1 participants")
 
 
+def test_the_same_answer_in_another_block_is_no_copy(tmp_path):
+    table = good().drop(columns="rt").assign(trial=range(15))
+    blocks = pd.concat([table.assign(block=1), table.assign(block=2)])
+    read = read_responses(written(tmp_path, blocks), scenes())
+    assert arrange(read, scenes(), "")[0].occasions.shape == (2, 5, 3)
+    assert len(repeats(read)) == 1
+
+
 def test_the_same_answer_again_is_no_copy_where_nothing_tells(tmp_path):
     table = pd.concat([good().drop(columns="rt")] * 2)
     read = read_responses(written(tmp_path, table), scenes())

@@ -144,7 +144,7 @@ def _mean(each: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def copied(table: pd.DataFrame) -> "pd.Series[bool]":
-    """Test rows that are copies of earlier ones, down to their number or time.
+    """Test rows that are copies of earlier ones in all columns, trial number or time among them.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def copied(table: pd.DataFrame) -> "pd.Series[bool]":
     """
     told = [name for name in ("trial", "rt") if name in table]
     numbered = table[told].notna().any(axis=1) & (table["phase"] == TEST)
-    return numbered & table.duplicated([*_TRIAL, "phase", "mirrored", "response", *told])
+    return numbered & table.drop(columns="row").duplicated()
 
 
 def repeats(table: pd.DataFrame) -> list[str]:
