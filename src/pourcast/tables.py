@@ -317,6 +317,17 @@ def guarded(table: pd.DataFrame) -> pd.DataFrame:
     return _in_texts(table, _with_guard)
 
 
+def unguarded(text: str) -> str:
+    """A text of a CSV file without the apostrophe that `guarded` set, if it did.
+
+    Examples
+    --------
+    >>> [unguarded(text) for text in ("'00123", "'quoted", "''=A1")]
+    ['00123', "'quoted", "'=A1"]
+    """
+    return _without_guard(text, _would_change)
+
+
 _FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
 """How a formula begins, in a spreadsheet; in the wide forms of Asian keyboards, too."""
 _MONTH = (
