@@ -14,10 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
-from statsmodels.stats.multitest import multipletests
 
-from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments
-from pourcast.statistics.differences import compare_pairs
+from pourcast import demo_scenes
+from pourcast.comparison.agreement import Settings
+from pourcast.comparison.candidates import Candidates
+from pourcast.comparison.choice import judgments_of_fitted
+from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments, pearson
+from pourcast.statistics.differences import compare_pairs, holm
 from pourcast.statistics.jackknife import (
     LEVEL,
     SHARE,
@@ -34,6 +37,7 @@ from pourcast.statistics.reliability import (
     reliability,
     split_half,
 )
+from pourcast.study.responses import Trials
 
 Array = NDArray[np.float64]
 
@@ -167,8 +171,8 @@ def coverage_of_differences(world: World, over: Over, count: int, seed: int = 0)
 
     held = []
     for responses, models, known in studies_over(world, over, value, count, seed):
-        found = compare_pairs(responses, models, over, LEVEL)
-        held.append(bool(found.low[0] <= known[0] - known[1] <= found.high[0]))
+        low, high = compare_pairs(responses, models, over).interval(LEVEL)
+        held.append(bool(low[0] <= known[0] - known[1] <= high[0]))
     return float(np.mean(held))
 
 
@@ -177,10 +181,60 @@ def false_stars(world: World, over: Over, count: int, seed: int = 0) -> tuple[fl
     rng, any_star, single = np.random.default_rng(seed), [], []
     for _ in range(count):
         judgments, models = world.draw_scenes(rng)
-        p = compare_pairs(world.answers(judgments, rng), models, over, LEVEL).p
-        any_star.append(bool(multipletests(p, method="holm")[0].any()))
+        p = compare_pairs(world.answers(judgments, rng), models, over).p
+        any_star.append(bool((holm(p) < 1.0 - LEVEL).any()))
         single.append(float((p < 1.0 - LEVEL).mean()))
     return float(np.mean(any_star)), float(np.mean(single))
+
+
+SETTINGS = 20
+"""Of a model that is fitted."""
+
+FAMILIES = {
+    "a smooth parameter": lambda share, rng, count: (
+        np.stack([np.cos(share * np.pi / 2), np.sin(share * np.pi / 2)], axis=1)
+        @ rng.standard_normal((2, count))
+    ),
+    "unrelated settings": lambda share, rng, count: rng.standard_normal((len(share), count)),
+}
+"""How the judgments of a model with several settings go together, all as near to people."""
+
+
+def fitted_rival(world: World, family: str, count: int, seed: int = 0) -> dict[str, float]:
+    """A fixed model against a fitted one, all of whose settings are as good.
+
+    Returns
+    -------
+    dict
+        Share of studies in which one is told from the other, when the settings are judged on the
+        scenes that they were chosen on; and on others, as `compare` does it, by which one wins.
+    """
+    rng, found = np.random.default_rng(seed), []
+    near = world.nearness[0]
+    some = demo_scenes()[0]
+    scenes = tuple(some.model_copy(update={"id": f"scene-{k}"}) for k in range(world.scenes))
+    share = np.linspace(0.0, 1.0, SETTINGS)
+    for study in range(count):
+        depth, own = rng.standard_normal((2, world.scenes))
+        apart = np.sqrt(1.0 - near**2)
+        family_of = FAMILIES[family](share, rng, world.scenes)
+        settings, fixed = norm.cdf(near * depth + apart * family_of), near * depth + apart * own
+        responses = world.answers(norm.cdf(depth), rng)
+        trials = Trials("water", tuple(map(str, range(len(responses)))), scenes, responses)
+        rival = Candidates("rival", "rival", trials, {"share": share}, ("share",), settings)
+        best = pearson(mean_judgments(responses), settings).argmax()
+        honest = judgments_of_fitted({"rival": rival}, Settings(seed=study))["rival"]
+        row = []
+        for judged in (settings[best], honest):
+            pair = compare_pairs(responses, np.stack([judged, norm.cdf(fixed)]), "both")
+            row.append(float(np.sign(pair.difference[0])) * float(pair.p[0] < 1.0 - LEVEL))
+        found.append(row)
+    told = np.array(found)
+    return {
+        "in_sample": float((told[:, 0] != 0).mean()),
+        "fitted_wins": float((told[:, 1] > 0).mean()),
+        "fitted_loses": float((told[:, 1] < 0).mean()),
+    }
 
 
 def perfect_share(world: World, count: int, seed: int = 0) -> float:
@@ -332,6 +386,22 @@ def table_of_stars(count: int) -> str:
     return table(heads, rows)
 
 
+def table_of_fitted(count: int) -> str:
+    rows = []
+    for size, people, scenes in sized():
+        for family in FAMILIES:
+            found = fitted_rival(World(people, scenes), family, count)
+            rows.append([size, family, *map(percent, found.values())])
+    heads = [
+        "study",
+        f"{SETTINGS} settings",
+        "on the same scenes",
+        "on others: fitted wins",
+        "loses",
+    ]
+    return table(heads, rows)
+
+
 def table_of_perfect_models(count: int) -> str:
     rows = []
     for name, population in POPULATIONS.items():
@@ -365,6 +435,9 @@ SECTIONS: tuple[tuple[str, Callable[[int], str]], ...] = (
      "participants` is about these scenes only, on which models that are equally good elsewhere "
      "do differ.",
      table_of_stars),
+    ("## A fitted model and an equally good one: how often they are told apart (%)\n\nWith each of "
+     f"its {SETTINGS} settings the fitted model is as good. Where it is judged on the scenes on "
+     "which its setting was chosen, and as `compare` does it, half by half:", table_of_fitted),
     ("## What a perfect model explains of the explainable variance", table_of_perfect_models),
     ("## Guessers: how often they are said to beat chance (%)\n\nOf single participants (5 % by "
      "chance), by the paper's test of all, and by permuting scenes:", table_of_guessers),

@@ -195,8 +195,8 @@ def help_table(found: pd.DataFrame) -> list[str]:
 
 def gain(truth: Array, one: Array, other: Array) -> str:
     """Difference of two networks' r with the truth on the same scenes, with its interval."""
-    pair = compare_pairs(truth[None], np.stack([one, other]), "scenes", LEVEL)
-    low, high = float(pair.low[0]), float(pair.high[0])
+    pair = compare_pairs(truth[None], np.stack([one, other]), "scenes")
+    low, high = (float(limit[0]) for limit in pair.interval(LEVEL))
     return f"{float(pair.difference[0]):+.2f} [{low:+.2f}, {high:+.2f}]"
 
 

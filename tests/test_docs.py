@@ -71,6 +71,15 @@ def serve(arguments):
             assert b"<main" in page.read()
 
 
+def install(package):
+    """A package installed as its user would, but into a folder of its own; which one."""
+    folder = package.resolve().parent.parent / "installed"
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps"]
+    command += ["--no-build-isolation", "--target", folder, package]
+    subprocess.run(command, check=True, capture_output=True, text=True)
+    return folder
+
+
 COARSER = {
     "to = 20, step = 1 }": "to = 16, step = 8 }", "to = 16, step = 1 }": "to = 16, step = 8 }",
     "sigma = 4": "sigma = 1", "[0, 4]": "[0, 1]", "[25, 50]": "25",
@@ -108,7 +117,9 @@ def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
                 continue
             if "--import answers.jsonl" in line:
                 bring_answers()
-            if line.startswith("pourcast experiment serve") and "--check" not in line:
+            if line.startswith("pip install ./examples/"):
+                monkeypatch.syspath_prepend(install(Path(line.removeprefix("pip install "))))
+            elif line.startswith("pourcast experiment serve") and "--check" not in line:
                 serve(shlex.split(line)[3:])
             elif line.startswith("pourcast "):
                 assert cli.run(shlex.split(line)[1:]) == 0, (line, capsys.readouterr().err)
@@ -135,6 +146,15 @@ def test_the_grid_of_the_how_to_is_the_example():
     page = ROOT / "docs" / "how-to" / "sweeps.md"
     text = next(text for language, text in snippets(page) if language == "toml")
     assert (ROOT / "examples" / "grid.toml").read_text().endswith(text)
+
+
+def test_the_model_of_the_how_to_is_the_example():
+    page = ROOT / "docs" / "how-to" / "add-a-model.md"
+    shown = next(text for language, text in snippets(page) if language == "python")
+    package = (ROOT / "examples" / "plumb" / "src" / "pourcast_plumb" / "__init__.py").read_text()
+    assert shown.startswith(package.partition("\n\n")[2])
+    grids = [text for language, text in snippets(page) if text.startswith("[[models]]")]
+    assert all(text in (ROOT / "examples" / "rivals.toml").read_text() for text in grids)
 
 
 def test_the_scene_of_the_reference_is_the_example():

@@ -160,7 +160,9 @@ def test_a_scene_whose_name_looks_like_a_number_keeps_its_judgments(tmp_path, di
 
 def test_a_choice_without_its_r_is_named_by_row(tmp_path):
     path = tmp_path / "report" / "tables" / "choice.csv"
-    table = pd.DataFrame({"model": ["a", "b"], "spec": ["a:g=0", "b"], "r": [0.5, None]})
+    table = pd.DataFrame(
+        {"model": ["a", "b"], "liquid": "water", "spec": ["a:g=0", "b"], "r": [0.5, None]}
+    )
     write_table(path, table)
     with pytest.raises(InputError, match=r"choice\.csv: row 3, column r: expected a number"):
         read_choice(tmp_path)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pourcast.comparison import choice, recovery
+from pourcast.comparison import choice
 from pourcast.comparison.agreement import (
     PeopleAndModels,
     Settings,
@@ -12,6 +12,8 @@ from pourcast.comparison.agreement import (
     people_table,
     reliability_table,
 )
+from pourcast.comparison.candidates import candidates
+from pourcast.comparison.design import Design, power_table
 from pourcast.comparison.window import variance_table, variance_tests, window_variances
 from pourcast.statistics.observer import Population
 from tests.comparison.make import made_up, people_like, voronoi_scenes
@@ -144,7 +146,7 @@ def interval_widths(level):
         people_like(scenes, judged.judgments[0], noise=0.2),
         {"water-ife": judged.judgments[3], "other": judged.judgments[40]},
     )
-    sets = choice.candidates(judged, [people.trials])
+    sets = candidates(judged, [people.trials])
     chosen = choice.choice_table(sets, settings)
     carried = type(people)(people.trials, dict.fromkeys(chosen["spec"], judged.judgments[3]))
     tables = {
@@ -156,9 +158,9 @@ def interval_widths(level):
         "cross-validation": choice.cross_validation_table(sets, settings, halvings=200),
         "carried": choice.carried_table([carried], chosen, settings),
         "variance": variance_table(window_variances(judged, "water", settings)),
-        "power": recovery.power_table(
-            people.models, observers=[3, 9], scenes=[10], studies=8, population=Population(),
-            over="both", level=level, seed=0,
+        "power": power_table(
+            Design.of(people, {}), *people.names[:2], observers=[3, 9], scenes=[10], studies=8,
+            population=Population(), settings=settings,
         ),
     }  # fmt: skip
     return {

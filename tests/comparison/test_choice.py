@@ -1,17 +1,27 @@
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from pourcast.comparison.agreement import PeopleAndModels, Settings
+from pourcast.comparison.candidates import candidates
 from pourcast.comparison.choice import (
-    candidates,
     carried_table,
     choice_table,
     cross_validation_table,
+    judgments_of_fitted,
     scores_table,
 )
 from pourcast.models.registry import make_model
-from tests.comparison.make import made_up, people_like
+from pourcast.sweep.judgments import judgments_of
+from tests.comparison.make import (
+    judgment_table,
+    made_up,
+    made_up_table,
+    people_like,
+    smooth,
+)
 
 SETTINGS = Settings()
 
@@ -94,9 +104,8 @@ def test_flat_optima_and_ties_are_told(study):
     assert len(zetas) > 1
     sets = fitted(study, "simple:g=0,m=0.14", None)
     one = sets["water-simple"]
-    twice = type(one)(
-        one.trials, {k: np.tile(v, 2) for k, v in one.axes.items()}, np.tile(one.judgments, (2, 1))
-    )
+    axes = {name: np.tile(column, 2) for name, column in one.axes.items()}
+    twice = replace(one, axes=axes, judgments=np.tile(one.judgments, (2, 1)))
     # Itself twice; and g = 0.5, which here only halves the spread, twice.
     assert choice_table({"water-simple": twice}, SETTINGS)["ties"].iloc[0] == 3
 
@@ -158,3 +167,91 @@ def test_carried_parameters_are_judged_unchanged(study):
     assert isinstance(carried, pd.DataFrame)
     expected = np.corrcoef(trials.responses.mean(axis=0), judged.judgments[0])[0, 1]
     assert carried["r"].to_numpy() == pytest.approx(np.full(3, expected))
+
+
+# Any other model --------------------------------------------------------------------------
+
+
+def with_rival(study, **columns):
+    """The made-up sweep, and a family of its own in it: `position-uncertainty`, made up too."""
+    scenes, _ = study
+    rng = np.random.default_rng(8)
+    family = smooth(rng, len(scenes), range(6))
+    tables = [
+        judgment_table(
+            scenes, f"position-uncertainty:n_particles=25,position_sd={0.01 * k}", family[k],
+            "water",
+        ).assign(**columns)
+        for k in range(1, 6)
+    ]  # fmt: skip
+    return scenes, judgments_of([made_up_table(scenes), *tables], scenes), family
+
+
+def test_a_rival_is_fitted_by_its_own_parameters(study):
+    scenes, judged, family = with_rival(study)
+    sets = candidates(judged, [people_like(scenes, family[3], noise=0.05)])
+    rival = sets["position-uncertainty"]
+    assert rival.free == ("position_sd",)  # The others have one value only.
+    row = choice_table(sets, SETTINGS).set_index("model").loc["position-uncertainty"]
+    assert row["position_sd"] == pytest.approx(0.03)
+    assert row["spec"] == "position-uncertainty:n_particles=25,position_sd=0.03"
+    assert make_model(row["spec"]).n_particles == 25
+    assert (row["candidates"], row["fitted"], row["paper"]) == (5, "position_sd", "")
+    validated = cross_validation_table(sets, SETTINGS, halvings=20).set_index("model")
+    assert "position_sd=0.03" in validated.loc["position-uncertainty", "chosen"]
+    assert set(scores_table(sets)["model"]) >= {"position-uncertainty", "water-ife"}
+
+
+def test_what_a_command_asked_for_is_not_what_was_swept(study):
+    scenes, judged, family = with_rival(study, swept=False)
+    assert "position-uncertainty" not in candidates(judged, [people_like(scenes, family[3])])
+    assert "water-ife" in candidates(judged, [people_like(scenes, family[3])])
+
+
+def test_a_rival_is_fitted_to_each_liquid_where_the_trial_s_makes_no_difference(study):
+    scenes, judged = study
+    trials = [
+        people_like(scenes, judged.judgments[0], liquid=liquid) for liquid in ("water", "oil")
+    ]
+    sets = candidates(judged, trials)
+    assert {"water-ife", "ife (oil)", "marble (oil)", "simple (oil)"} <= set(sets)
+    swept = {"liquid", "n_particles", "viscosity_alpha", "damping_zeta", "zeta_sigma"}
+    assert set(sets["ife (oil)"].free) == swept
+    table = choice_table(sets, SETTINGS)
+    oil = table[table["liquid"] == "oil"].set_index("model")
+    for spec in oil["spec"]:
+        make_model(spec)
+    assert "liquid=" in oil.loc["ife", "spec"]
+
+
+def test_a_half_is_judged_with_what_was_chosen_on_the_other(study):
+    scenes, judged = study
+    sets = candidates(judged, [people_like(scenes, judged.find("water", WATER), noise=0.3)])
+    fitted = judgments_of_fitted(sets, SETTINGS)
+    again = judgments_of_fitted(sets, SETTINGS)
+    assert set(fitted) == {"water-ife", "water-marble", "water-simple"}
+    for name, one in sets.items():
+        assert (fitted[name] == again[name]).all()
+        chosen = [k for k, row in enumerate(one.judgments) if (row == fitted[name]).sum() >= 15]
+        assert 1 <= len(chosen) <= 8
+    # Another answer to a scene changes nothing of what that scene's half was chosen on.
+    one = sets["water-simple"]
+    for scene in (0, 7, 20):
+        responses = one.trials.responses.copy()
+        responses[:, scene] = 1.0 - responses[:, scene]
+        changed = {"water-simple": replace(one, trials=replace(one.trials, responses=responses))}
+        after = judgments_of_fitted(changed, SETTINGS)["water-simple"]
+        assert after[scene] == fitted["water-simple"][scene]
+
+
+def test_too_few_scenes_and_single_candidates_are_not_fitted(study):
+    scenes, judged = made_up(6)
+    assert judgments_of_fitted(candidates(judged, [people_like(scenes, WAVE[:6])]), SETTINGS) == {}
+    scenes, judged = study
+    sets = candidates(judged, [people_like(scenes, WAVE)])
+    one = sets["water-simple"]
+    single = replace(one, axes={k: v[:1] for k, v in one.axes.items()}, judgments=one.judgments[:1])
+    assert judgments_of_fitted({"water-simple": single}, SETTINGS) == {}
+
+
+WAVE = np.linspace(0.1, 0.9, 30)

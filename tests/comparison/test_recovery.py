@@ -1,12 +1,14 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from pourcast.comparison import recovery
+from pourcast.comparison.agreement import Settings
+from pourcast.comparison.candidates import candidates
+from pourcast.comparison.design import Design, model_recovery_table, power_table
 from pourcast.comparison.recovery import (
     along,
-    model_recovery_table,
     parameter_recovery_table,
-    power_table,
     recover_models,
     recover_parameter,
     study_power,
@@ -18,6 +20,7 @@ from pourcast.scenes.scene_file import write_scenes
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.statistics.observer import Population
+from pourcast.study.trials import Trials
 from pourcast.sweep.judgments import judgments_of
 from pourcast.tables import write_table
 from tests.comparison.make import judgment_table, made_up, made_up_table, voronoi_scenes
@@ -109,24 +112,75 @@ def test_models_that_use_no_liquid_stand_in_for_any_trial_and_unknown_ones_for_n
     assert len(judgments_of([table], scenes).on_trials("honey-exp1", family="gone-away")) == 0
 
 
-def test_models_and_power():
-    rng = np.random.default_rng(0)
-    models = {"a": rng.random(20), "b": rng.random(20)}
-    table = model_recovery_table(models, observers=10, studies=10, **COMMON)
-    assert table.to_numpy() == pytest.approx(np.eye(2))
+def design_of(names, count=20, seed=0):
+    rng, scenes = np.random.default_rng(seed), voronoi_scenes(count)
+    models = {name: rng.random(count) for name in names}
+    return Design("water", tuple(scenes), models, {})
+
+
+def test_models_that_differ_much_are_recovered_and_told_apart():
+    table = model_recovery_table(
+        design_of("ab"), observers=20, studies=10, settings=Settings(), population=Population()
+    )
+    assert table[["a", "b"]].to_numpy() == pytest.approx(np.eye(2))
+    assert (table["told"] > 0.5).all()
+
+
+def test_a_model_that_comes_out_best_need_not_be_told_from_another():
+    scenes, rng = voronoi_scenes(20), np.random.default_rng(0)
+    right = rng.random(20)
+    twin = np.clip(right + 0.02 * rng.standard_normal(20), 0, 1)
+    design = Design("water", tuple(scenes), {"right": right, "twin": twin}, {})
+    table = model_recovery_table(
+        design, observers=20, studies=30, settings=Settings(), population=Population()
+    )
+    assert table.loc["right", "right"] > 0.5
+    assert (table["told"] <= 0.2).all()
+    few = model_recovery_table(
+        design, observers=3, studies=3, settings=Settings(), population=Population()
+    )
+    assert (few["told"] == 0.0).all()  # Over three people nothing can be told.
+
+
+def test_power_is_that_of_all_pairs_together():
+    common = {"observers": [6, 20], "scenes": [10, 40], "studies": 40, "population": Population()}
     told = []
     power = power_table(
-        models, observers=[3, 6], scenes=[10, 40], studies=4, over="both", level=0.95,
-        report=lambda *progress: told.append(progress), **COMMON,
+        design_of("ab"), "a", "b", settings=Settings(), report=lambda *said: told.append(said),
+        **common,
     )  # fmt: skip
-    assert list(zip(power["observers"], power["scenes"], strict=True)) == [
-        (3, 10),
-        (3, 40),
-        (6, 10),
-        (6, 40),
-    ]
+    sizes = [(6, 10), (6, 40), (20, 10), (20, 40)]
+    assert list(zip(power["observers"], power["scenes"], strict=True)) == sizes
     assert ((power["low"] <= power["power"]) & (power["power"] <= power["high"])).all()
+    assert power["drawn_again"].tolist() == [False, True, False, True]
     assert len(told) == 4
+    # The same pair among eleven models, as `compare` corrects for 55 pairs.
+    among = power_table(design_of("abcdefghijk"), "a", "b", settings=Settings(), **common)
+    assert (among["power"] <= power["power"] + 0.1).all()
+    assert among["power"].sum() < power["power"].sum() - 0.3
+
+
+def swept_design(count=24):
+    """A family whose members differ, and a preset that is one of them."""
+    scenes, judged = made_up(count)
+    nobody = Trials("water", (), tuple(scenes), np.empty((0, count)))
+    sets = candidates(judged, [nobody])
+    one = sets["water-simple"]
+    return Design("water", tuple(scenes), {"preset": one.judgments[3]}, {"water-simple": one})
+
+
+def test_what_was_swept_is_fitted_to_each_study_anew():
+    design, rng = swept_design(), np.random.default_rng(0)
+    assert design.names == ["preset", "water-simple:fitted"]
+    assert design.only_different().names == ["water-simple:fitted"]
+    planted = [design.planted("water-simple:fitted", rng) for _ in range(20)]
+    assert len({values.tobytes() for values in planted}) > 5
+    population, everything = Population(), np.arange(24)
+    for judgments in planted[:5]:
+        responses = population.respond(judgments, population.draw(30, rng), rng)
+        found = design.analysed(responses, everything, Settings())
+        fitted = found.models["water-simple:fitted"]
+        assert np.corrcoef(fitted, judgments)[0, 1] > 0.9
 
 
 # Of a study ------------------------------------------------------------------------------
@@ -135,20 +189,20 @@ def test_models_and_power():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A study whose sweep is made up."""
-    study, scenes = tmp_path_factory.mktemp("study"), voronoi_scenes(6)
+    study, scenes = tmp_path_factory.mktemp("study"), voronoi_scenes(9)
     write_scenes(study / "scenes.json", scenes)
     write_table(study / "judgments" / "grid.parquet", made_up_table(scenes))
     return study
 
 
-SMALL = {"observers": 5, "studies": 4, **COMMON}
+SMALL = {"observers": 5, "studies": 4, "population": Population()}
 
 
 def test_a_parameter_of_a_study_is_recovered_from_its_tables(folder):
-    found = recover_parameter(folder, "damping_zeta", "water", spread=0.0, **SMALL)
+    found = recover_parameter(folder, "damping_zeta", "water", spread=0.0, seed=0, **SMALL)
     assert found.title == "water-ife: damping_zeta"
     assert list(found.table.index) == list(range(17))
-    simple = recover_parameter(folder, "m", "honey", "simple:g=0", spread=0.0, **SMALL)
+    simple = recover_parameter(folder, "m", "honey", "simple:g=0", spread=0.0, seed=0, **SMALL)
     assert simple.title == "simple:g=0: m"
     assert len(simple.table) == 11
     assert not (folder / "sweep").exists()  # Nothing was simulated.
@@ -156,25 +210,43 @@ def test_a_parameter_of_a_study_is_recovered_from_its_tables(folder):
 
 def test_models_of_a_study_are_judged_and_told_apart(folder, monkeypatch):
     monkeypatch.setattr(recovery, "complete_presets", lambda: ["gravity", "water-simple"])
-    found = recover_models(folder, "water", **SMALL)
-    assert found.title == "water trials: 5 participants, 6 scenes"
-    assert list(found.table.index) == ["gravity", "water-simple"]
-    assert found.table.sum(axis=1).to_numpy() == pytest.approx(np.ones(2))
-    with pytest.raises(InputError, match="expected at least two models to tell apart"):
-        recover_models(folder, "water", ["gravity", "gravity"], **SMALL)
+    found = recover_models(folder, "water", settings=Settings(), **SMALL)
+    assert found.title == "water trials: 5 participants, 9 scenes"
+    fitted = ["water-ife:fitted", "water-marble:fitted", "water-simple:fitted"]
+    assert list(found.table.index) == ["gravity", "water-simple", *fitted]
+    shares = found.table.drop(columns="told")
+    assert shares.sum(axis=1).to_numpy() == pytest.approx(np.ones(5))
+    named = recover_models(
+        folder, "water", ["gravity", "water-ife:fitted"], settings=Settings(), **SMALL
+    )
+    assert list(named.table.index) == ["gravity", "water-ife:fitted"]
+    for specs, said in (
+        (["gravity", "gravity"], "expected at least two models to tell apart"),
+        (["gravity", "blobs:fitted"], "there is no 'blobs:fitted'"),
+    ):
+        with pytest.raises(InputError, match=said):
+            recover_models(folder, "water", specs, settings=Settings(), **SMALL)
 
 
-def test_power_of_a_study(folder, monkeypatch):
-    rest = {"studies": 2, "over": "both", "level": 0.9, **COMMON}
+def test_power_of_a_study_has_its_own_size(folder, monkeypatch):
+    rest = {"studies": 2, "settings": Settings(level=0.9), "population": Population()}
     two = ["gravity", "water-simple"]
     found = study_power(folder, "water", two, **rest)
     assert found.title == "gravity in people's heads, told from water-simple"
-    assert list(found.table["observers"]) == list(recovery.OBSERVER_COUNTS)
-    assert set(found.table["scenes"]) == {6}
-    small = study_power(folder, "water", two, observers=[3], scenes=[3, 5], **rest).table
-    assert list(small["scenes"]) == [3, 5]
+    # Nobody took part: as many as in each of the two groups of Experiment 1, whose scenes these are.
+    assert set(found.table["observers"]) == {*recovery.OBSERVER_COUNTS, 32}
+    assert set(found.table["scenes"]) == {9}
+    small = study_power(folder, "water", two, observers=[7], scenes=[5], **rest).table
+    assert small["scenes"].tolist() == [5, 9, 5, 9]
+    rows = pd.DataFrame({"participant": [f"p{k}" for k in range(8)], "liquid": "water"})
+    scene = voronoi_scenes(1)[0].id
+    write_table(folder / "responses" / "a.csv", rows.assign(scene=scene, response=0.5))
+    asked = study_power(folder, "water", two, observers=[7], **rest).table
+    assert asked["observers"].tolist() == [7, 8]
     monkeypatch.setattr(recovery, "OPPONENTS", tuple(two))
-    assert study_power(folder, "water", **rest).table.equals(found.table)
-    for wrong in (["gravity"], ["gravity", "gravity"], [*two, "honey-simple"]):
+    monkeypatch.setattr(recovery, "complete_presets", lambda: [*two, "honey-simple"])
+    among = study_power(folder, "water", observers=[7], **rest)
+    assert among.title.endswith("p corrected for all 15 pairs of 6 models")
+    for wrong in (["gravity"], ["gravity", "gravity"]):
         with pytest.raises(InputError, match="expected two models to tell apart"):
             study_power(folder, "water", wrong, **rest)

@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from pourcast.comparison.agreement import agreement_table, differences_table, individuals
-from pourcast.comparison.choice import candidates, choice_table, scores_table
+from pourcast.comparison.candidates import candidates
+from pourcast.comparison.choice import choice_table, scores_table
 from pourcast.pictures.style import save_figure
 from pourcast.report.figures import design, fits, models, people, scenes
 from pourcast.scenes.goals.cup import Cup

@@ -6,15 +6,17 @@ from benchmarks.error_rates import (
     coverage_of_differences,
     coverage_of_reliability,
     false_stars,
+    fitted_rival,
     guessers,
     perfect_share,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from statsmodels.stats.multitest import multipletests
 
 from pourcast.statistics.correlation import agreement, pearson
-from pourcast.statistics.differences import compare_pairs
+from pourcast.statistics.differences import compare_pairs, holm
 from pourcast.statistics.jackknife import FEWEST, fisher_z, jackknife, pairs, unknowable
 
 OVERS = ("participants", "scenes", "both")
@@ -137,8 +139,8 @@ def test_too_few_give_no_interval_and_no_p(people, scenes):
         assert np.isnan(found.interval(0.95)[0][0]) == few
         assert np.isnan(found.p[0]) == few
         assert np.isfinite(found.value[0])
-        pair = compare_pairs(responses, np.stack([truth, truth[::-1]]), over, 0.95)
-        assert np.isnan(pair.low[0]) == np.isnan(pair.p[0]) == few
+        pair = compare_pairs(responses, np.stack([truth, truth[::-1]]), over)
+        assert np.isnan(pair.interval(0.95)[0][0]) == np.isnan(pair.p[0]) == few
         assert np.isfinite(pair.difference[0])
 
 
@@ -158,7 +160,7 @@ def test_far_from_the_ceiling_it_is_the_interval_of_z_times_its_slope():
     truth = rng.standard_normal(400)
     people = truth + 4.0 * rng.standard_normal((20, 400))
     models = truth + 4.0 * rng.standard_normal((2, 400))
-    found = compare_pairs(people, models, "both", 0.95)
+    found = compare_pairs(people, models, "both")
     pair = jackknife(
         people,
         lambda m, w: np.diff(fisher_z(agreement(m, models, w).r)[:, ::-1], axis=1),
@@ -166,8 +168,8 @@ def test_far_from_the_ceiling_it_is_the_interval_of_z_times_its_slope():
     )
     low, high = pair.interval(0.95)
     slope = 1.0 - np.mean(agreement(people.mean(axis=0), models).r) ** 2
-    assert (found.low[0], found.high[0]) == pytest.approx(
-        (slope * low[0], slope * high[0]), abs=0.01
+    assert np.ravel(found.interval(0.95)) == pytest.approx(
+        [slope * low[0], slope * high[0]], abs=0.01
     )
     assert found.p[0] == pytest.approx(pair.p[0])
 
@@ -184,25 +186,37 @@ def test_intervals_of_similar_models_are_as_narrow_as_their_test(alike):
             for each in (own, other)
         )
         people = truth + rng.standard_normal((10, 30))
-        found = compare_pairs(people, np.stack([one, two]), "both", 0.95)
-        assert found.low[0] <= found.difference[0] <= found.high[0]
-        agree += (found.p[0] < 0.05) == (found.low[0] > 0.0 or found.high[0] < 0.0)
+        found = compare_pairs(people, np.stack([one, two]), "both")
+        low, high = np.ravel(found.interval(0.95))
+        assert low <= found.difference[0] <= high
+        agree += (found.p[0] < 0.05) == (low > 0.0 or high < 0.0)
     assert agree >= 38
 
 
 def test_equal_models_differ_by_nothing():
     truth, responses = study()
-    found = compare_pairs(responses, np.stack([truth, truth]), "both", 0.95)
-    assert found.difference[0] == found.low[0] == found.high[0] == 0.0
+    found = compare_pairs(responses, np.stack([truth, truth]), "both")
+    assert found.difference[0] == 0.0
+    assert np.ravel(found.interval(0.95)).tolist() == [0.0, 0.0]
     assert found.p[0] == 1.0
-    stretched = compare_pairs(responses, np.stack([truth, 0.97 * truth + 0.015]), "both", 0.95)
-    assert [stretched.low[0], stretched.high[0]] == pytest.approx([0.0, 0.0], abs=1e-6)
+    stretched = compare_pairs(responses, np.stack([truth, 0.97 * truth + 0.015]), "both")
+    assert np.ravel(stretched.interval(0.95)) == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
 def test_a_model_without_spread_is_compared_with_none():
     truth, responses = study()
-    found = compare_pairs(responses, np.stack([truth, 0 * truth, truth**2]), "both", 0.95)
+    found = compare_pairs(responses, np.stack([truth, 0 * truth, truth**2]), "both")
     assert np.isnan(found.p).tolist() == [True, False, True]
+
+
+def test_holm_is_that_of_statsmodels():
+    rng = np.random.default_rng(0)
+    for count in (1, 2, 50):
+        p = rng.random(count) ** 3
+        assert holm(p) == pytest.approx(multipletests(p, method="holm")[1])
+        with_gap = np.insert(p, 0, np.nan)
+        assert holm(with_gap)[1:] == pytest.approx(holm(p))
+    assert np.isnan(holm(np.array([np.nan, np.nan]))).all()
 
 
 # Error rates, coarsely; `benchmarks.error_rates` makes the table ----------------------------
@@ -222,6 +236,13 @@ def test_intervals_of_differences_do_too():
 def test_intervals_of_reliability_do_too():
     held = coverage_of_reliability(World(10, 30), 60, seed=1)
     assert min(held.values()) >= 0.85
+
+
+def test_a_fitted_model_has_no_advantage():
+    found = fitted_rival(World(10, 30), "unrelated settings", 150)
+    assert found["in_sample"] > 0.13
+    assert found["fitted_wins"] <= 0.07
+    assert found["fitted_loses"] <= 0.07
 
 
 def test_equally_good_models_are_rarely_starred():

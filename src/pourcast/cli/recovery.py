@@ -71,11 +71,12 @@ def recover(
 
     Example: pourcast recover parameters my-study -m water-ife -p damping_zeta
     """
+    from pourcast.comparison.agreement import Settings
     from pourcast.comparison.recovery import recover_models, recover_parameter
     from pourcast.report.figures.design import recovery
 
     common: dict[str, Any] = {
-        "observers": observers, "studies": studies, "seed": seed,
+        "observers": observers, "studies": studies,
         "population": population_of(
             bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
         ),
@@ -84,10 +85,12 @@ def recover(
         if what is Recovered.PARAMETERS:
             spec = model[0] if model else None
             title, table = recover_parameter(
-                study, parameter, liquid, spec, spread=spread, report=bar, **common
+                study, parameter, liquid, spec, spread=spread, seed=seed, report=bar, **common
             )
         else:
-            title, table = recover_models(study, liquid, model or (), report=bar, **common)
+            title, table = recover_models(
+                study, liquid, model or (), settings=Settings(seed=seed), report=bar, **common
+            )
     if out is not None:
         _write(out, f"{what.value}_recovery", table.reset_index(), recovery(table, title))
     if as_json:
@@ -118,10 +121,12 @@ def power(
     study: StudyArgument,
     model: ModelOption = None,
     observers: Annotated[
-        list[int] | None, typer.Option(min=5, help="Participants; several [5, 10, 20, 40].")
+        list[int] | None,
+        typer.Option(min=5, help="Participants, beside the study's; several [5, 10, 20, 40]."),
     ] = None,
     scenes: Annotated[
-        list[int] | None, typer.Option("-n", "--scenes", min=5, help="Scenes; several [all].")
+        list[int] | None,
+        typer.Option("-n", "--scenes", min=5, help="Scenes, beside the study's; several."),
     ] = None,
     studies: StudiesOption = 100,
     over: OverOption = Over.BOTH,
@@ -140,8 +145,11 @@ def power(
 ) -> None:
     """How many participants and scenes tell two models apart? The first is in people's heads.
 
+    Studies are analysed as `compare` does it: of these models, with p corrected for all pairs.
+
     Example: pourcast power my-study -m water-ife -m water-marble --observers 10 --observers 30
     """
+    from pourcast.comparison.agreement import Settings
     from pourcast.comparison.recovery import study_power
     from pourcast.report.figures import design as figures
     from pourcast.statistics.jackknife import over_words
@@ -153,7 +161,7 @@ def power(
             population=population_of(
                 bias=bias, slope=slope, precision=precision, lapse=lapse, granularity=granularity
             ),
-            over=over.value, level=level, seed=seed, report=bar,
+            settings=Settings(over.value, level, seed), report=bar,
         )  # fmt: skip
     if out is not None:
         _write(out, "power", table, figures.power(table, title))
@@ -163,6 +171,9 @@ def power(
     typer.echo(
         f"{title}: differences over {over_words(over.value)}, {studies} simulated studies each"
     )
-    print_table(table.set_index("observers"))
+    print_table(table.drop(columns="drawn_again").set_index("observers"))
+    if table["drawn_again"].any():
+        most = table["scenes"][~table["drawn_again"]].max()
+        typer.echo(f"(of more than {most} scenes, some are drawn twice: that power is too high)")
     if out is not None:
         typer.echo(f"{out}: table and figure")

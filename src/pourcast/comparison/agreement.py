@@ -7,12 +7,11 @@ from typing import get_args
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from statsmodels.stats.multitest import multipletests
 
 from pourcast.comparison import stimulus
 from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments
-from pourcast.statistics.differences import compare_pairs
+from pourcast.statistics.differences import compare_pairs, holm
 from pourcast.statistics.jackknife import (
     LEVEL,
     SCALES,
@@ -186,24 +185,18 @@ def differences_table(compared: PeopleAndModels, settings: Settings) -> pd.DataF
         A row a pair: `liquid`, `model`, `rival`, `difference` (the model's r minus the
         rival's), `low`, `high`, `p` (two-sided), `p_holm` (for all pairs of the liquid), `over`.
     """
-    pairs = compare_pairs(
-        compared.trials.responses, compared.judgments, settings.over, settings.level
-    )
-    names = np.array(compared.names, dtype=object)
-    told = np.isfinite(pairs.p)
-    holm = np.full(len(pairs.p), np.nan)
-    if told.any():
-        holm[told] = multipletests(pairs.p[told], method="holm")[1]
+    pairs = compare_pairs(compared.trials.responses, compared.judgments, settings.over)
+    names, (low, high) = np.array(compared.names, dtype=object), pairs.interval(settings.level)
     return pd.DataFrame(
         {
             "liquid": compared.trials.liquid,
             "model": names[pairs.first],
             "rival": names[pairs.second],
             "difference": pairs.difference,
-            "low": pairs.low,
-            "high": pairs.high,
+            "low": low,
+            "high": high,
             "p": pairs.p,
-            "p_holm": holm,
+            "p_holm": holm(pairs.p),
             "over": settings.over,
         }
     )

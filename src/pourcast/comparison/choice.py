@@ -1,22 +1,30 @@
-"""The paper's choice of parameters, stage by stage, and how much of its r is optimism.
+"""Parameters chosen on people's responses, and what the choice is worth on other scenes.
 
 Bates et al., "Parameter fitting": the number of particles first, from water and honey
 trials together; then water's viscosity; then the damping. Honey's Model 1 inherits N and
 zeta from water; Model 2 inherits N and alpha, and fits zeta on honey trials. MarbleSim
 fits N and zeta, SimpleSim g and m, each for each liquid. Given N, stages one after
-another end where a joint search would: at the best correlation.
+another end where a joint search would: at the best correlation. Any other model gets
+those of its own swept parameters that correlate best.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.comparison.agreement import PeopleAndModels, Settings
+from pourcast.comparison.candidates import (
+    PAPER,
+    Candidates,
+    as_columns,
+    in_words,
+    value_in_words,
+)
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
 from pourcast.scenes.liquids.registry import called
@@ -25,7 +33,7 @@ from pourcast.statistics.fit import flat, profile, tied
 from pourcast.statistics.halves import random_halves
 from pourcast.statistics.jackknife import Estimate, fisher_z, jackknife, r_interval
 from pourcast.study.trials import Trials
-from pourcast.sweep.judgments import OWN_ALPHA, Judgments
+from pourcast.sweep.judgments import OWN_ALPHA
 from pourcast.tables import numbers_in, read_table, require_columns
 
 Array = NDArray[np.float64]
@@ -36,107 +44,17 @@ HALVINGS = 500
 FEWEST_SCENES = 8
 """A half needs at least four scenes for a correlation that means anything."""
 
-
-class Fit(NamedTuple):
-    """How one model is fitted.
-
-    Parameters
-    ----------
-    liquid
-        Of the trials.
-    fixed
-        What all its candidates have in common.
-    axes
-        Parameters in which they differ.
-    free
-        Those that are chosen on its own trials; the others are inherited.
-    """
-
-    liquid: str
-    fixed: Mapping[str, Any]
-    axes: tuple[str, ...]
-    free: tuple[str, ...]
-
-
-_IFE = ("n_particles", "viscosity_alpha", "damping_zeta")
-_WATER_IN_HEAD = {"family": "ife", "imagined": "water", "zeta_sigma": 4}
-_HONEY_IN_HEAD = {"family": "ife", "imagined": "honey", "zeta_sigma": 4}
-_MARBLE, _MARBLE_AXES = {"family": "marble", "zeta_sigma": 4}, ("n_particles", "damping_zeta")
-_SIMPLE, _SIMPLE_AXES = {"family": "simple", "m_sigma": 0.04}, ("g", "m")
-
-FITTED: Mapping[str, Fit] = {
-    "water-ife": Fit("water", _WATER_IN_HEAD, _IFE, _IFE),
-    "honey-ife-1": Fit("honey", _HONEY_IN_HEAD, _IFE, ()),
-    "honey-ife-2": Fit("honey", _WATER_IN_HEAD, _IFE, ("damping_zeta",)),
-    "water-marble": Fit("water", _MARBLE, _MARBLE_AXES, _MARBLE_AXES),
-    "honey-marble": Fit("honey", _MARBLE, _MARBLE_AXES, _MARBLE_AXES),
-    "water-simple": Fit("water", _SIMPLE, _SIMPLE_AXES, _SIMPLE_AXES),
-    "honey-simple": Fit("honey", _SIMPLE, _SIMPLE_AXES, _SIMPLE_AXES),
-}
-"""The models that are fitted."""
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Models that a fit chooses from, and what people said on the same trials.
-
-    Parameters
-    ----------
-    trials
-        People's responses.
-    axes
-        Parameter -> its value in each candidate.
-    judgments
-        Shape [candidate_count, scene_count].
-    """
-
-    trials: Trials
-    axes: Mapping[str, NDArray[Any]]
-    judgments: Array
-
-    def at(self, **values: Any) -> NDArray[np.bool_]:
-        """Candidates with these values."""
-        same = np.ones(len(self.judgments), dtype=np.bool_)
-        for axis, value in values.items():
-            same &= self.axes[axis] == value
-        return same
-
-    def values(self, number: int) -> dict[str, Any]:
-        """Parameters of one candidate."""
-        return {axis: column[number] for axis, column in self.axes.items()}
-
-
-def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candidates]:
-    """What there is to choose from, for each fitted model; models without any are left out.
-
-    Parameters
-    ----------
-    judged
-        Judgments on the study's scenes.
-    trials
-        People's responses.
-    """
-    by_liquid = {called(one.liquid): one for one in trials}
-    sets = {}
-    for name, (liquid, fixed, axes, _) in FITTED.items():
-        if liquid not in by_liquid:
-            continue
-        one = by_liquid[liquid]
-        there = judged.on(one.scenes)
-        rows = there.on_trials(one.liquid, **fixed)
-        if len(rows):
-            columns = {axis: there.rows[axis].to_numpy()[rows] for axis in axes}
-            sets[name] = Candidates(one, columns, there.judgments[rows])
-    return sets
+FITTED = ":fitted"
+"""Ends the names of models whose parameters were chosen on these responses."""
 
 
 def choose(sets: Mapping[str, Candidates], scores: Mapping[str, Array]) -> dict[str, int]:
-    """The paper's procedure.
+    """The paper's procedure; and of any other model the candidate that correlates best.
 
     Parameters
     ----------
     sets
-        From `candidates`.
+        From `candidates.candidates`.
     scores
         Correlation of each candidate, for each fitted model.
 
@@ -205,7 +123,7 @@ def count_without_alphas(sets: Mapping[str, Candidates]) -> int | None:
     Parameters
     ----------
     sets
-        From `candidates`.
+        From `candidates.candidates`.
     """
     chosen = choose(sets, _scores(sets))
     if "water-ife" not in chosen:
@@ -216,20 +134,19 @@ def count_without_alphas(sets: Mapping[str, Candidates]) -> int | None:
     return int(count) if alphas == {OWN_ALPHA} else None
 
 
-def _scores(sets: Mapping[str, Candidates]) -> dict[str, Array]:
-    return {
-        name: pearson(mean_judgments(one.trials.responses), one.judgments)
-        for name, one in sets.items()
-    }
-
-
-def spec_of(name: str, values: Mapping[str, Any]) -> str:
-    """Spec of a fitted model: its preset, with the chosen parameters."""
-    parts = [
-        f"{axis}={'none' if value == OWN_ALPHA else format(float(value), 'g')}"
-        for axis, value in values.items()
-    ]
-    return f"{name}:{','.join(parts)}"
+def _scores(
+    sets: Mapping[str, Candidates],
+    halves: Mapping[str, NDArray[np.bool_]] | None = None,
+    half: bool = True,
+) -> dict[str, Array]:
+    """Correlation of each candidate; on one half of the scenes, if there are halves."""
+    scores = {}
+    for name, one in sets.items():
+        means = mean_judgments(one.trials.responses)
+        if halves is not None:
+            means = np.where(halves[name] == half, means, np.nan)
+        scores[name] = pearson(means, one.judgments)
+    return scores
 
 
 def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataFrame:
@@ -248,32 +165,37 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
     for name, number in choose(sets, scores).items():
         one, values = sets[name], sets[name].values(number)
         low, high = _r_interval(one.trials, one.judgments[number], settings)
-        inherited = {axis: values[axis] for axis in values if axis not in FITTED[name].free}
+        inherited = {axis: values[axis] for axis in values if axis not in one.free}
         rivals = one.at(**inherited)
-        paper = make_model(name).parameters()
-        paper_values = {
-            axis: OWN_ALPHA if axis == "viscosity_alpha" else paper[axis] for axis in values
-        }
-        there = np.flatnonzero(one.at(**paper_values))
+        paper = _paper_values(one)
+        there = np.flatnonzero(one.at(**paper))[: len(paper)]
         rows.append(
             {
-                "model": name,
+                "model": one.model,
                 "liquid": one.trials.liquid,
-                **values,
-                "fitted": ", ".join(FITTED[name].free) or "none",
+                **as_columns(values),
+                "fitted": ", ".join(one.free) or "none",
                 "candidates": int(rivals.sum()),
                 "r": float(scores[name][number]),
                 "low": low,
                 "high": high,
                 "over": settings.over,
                 "ties": len(tied(np.where(rivals, scores[name], np.nan))) - 1,
-                "flat": _flat_ranges(name, one, number, settings),
-                "paper": _in_words(paper_values),
+                "flat": _flat_ranges(one, number, settings),
+                "paper": in_words(paper),
                 "r_paper": float(scores[name][there[0]]) if len(there) else np.nan,
-                "spec": spec_of(name, values),
+                "spec": one.spec_of(number),
             }
         )
     return pd.DataFrame(rows)
+
+
+def _paper_values(one: Candidates) -> dict[str, Any]:
+    """The paper's values of the parameters, if the model is the paper's."""
+    if one.model not in PAPER:
+        return {}
+    paper = make_model(one.model).parameters() | {"viscosity_alpha": OWN_ALPHA}
+    return {axis: paper[axis] for axis in one.axes}
 
 
 def _r_interval(trials: Trials, judgments: Array, settings: Settings) -> tuple[float, float]:
@@ -292,18 +214,11 @@ def _shortfall(trials: Trials, judgments: Array, best: int, settings: Settings) 
     return jackknife(trials.responses, measure, settings.over)
 
 
-def _in_words(values: Mapping[str, Any]) -> str:
-    return ", ".join(
-        f"{axis}={value if isinstance(value, str) else format(float(value), 'g')}"
-        for axis, value in values.items()
-    )
-
-
-def _flat_ranges(name: str, one: Candidates, number: int, settings: Settings) -> str:
+def _flat_ranges(one: Candidates, number: int, settings: Settings) -> str:
     """Values of each fitted parameter, the others as chosen, that do as well as the best."""
     ranges = []
     values = one.values(number)
-    for axis in FITTED[name].free:
+    for axis in one.free:
         others = {key: value for key, value in values.items() if key != axis}
         along = np.flatnonzero(one.at(**others))
         if len(along) < 2:
@@ -312,15 +227,59 @@ def _flat_ranges(name: str, one: Candidates, number: int, settings: Settings) ->
         best = int(np.flatnonzero(along == number)[0])
         shortfall = _shortfall(one.trials, one.judgments[along], best, settings)
         as_good = along[flat(shortfall, settings.level)]
-        levels = sorted({str(one.axes[axis][k]) for k in as_good}, key=_number)
-        ranges.append(
-            f"{axis}: {', '.join(f'{_number(v):g}' if v != OWN_ALPHA else v for v in levels)}"
-        )
+        levels = sorted({one.axes[axis][k] for k in as_good}, key=_words_first)
+        ranges.append(f"{axis}: {', '.join(map(value_in_words, levels))}")
     return "; ".join(ranges)
 
 
-def _number(text: str) -> float:
-    return -1.0 if text == OWN_ALPHA else float(text)
+def _words_first(value: Any) -> tuple[float, str]:
+    return (-np.inf, value) if isinstance(value, str) else (float(value), "")
+
+
+def judgments_of_fitted(sets: Mapping[str, Candidates], settings: Settings) -> dict[str, Array]:
+    """Judgments of each fitted model on scenes that its parameters were not chosen on.
+
+    Each half of the scenes is judged with the parameters that were chosen on the other one. So
+    these judgments agree with people as those of any model do that is given beforehand, and can be
+    tested against them: with in-sample parameters, one in five studies tells a model with twenty
+    equally good settings from a rival that is as good (`benchmarks.error_rates`).
+
+    Returns
+    -------
+    dict
+        Shape [scene_count] of the model's trials, by the keys of `sets`; models for which a half
+        says nothing are left out, all are with fewer than `FEWEST_SCENES` scenes.
+    """
+    ids = list(dict.fromkeys(scene.id for one in sets.values() for scene in one.trials.scenes))
+    if len(ids) < FEWEST_SCENES:
+        return {}
+    first = dict(zip(ids, random_halves(len(ids), 1, settings.rng(9))[0] == 1.0, strict=True))
+    halves = {
+        name: np.array([first[scene.id] for scene in one.trials.scenes])
+        for name, one in sets.items()
+    }
+    picks = {half: choose(sets, _scores(sets, halves, half)) for half in (False, True)}
+    judged = {}
+    for name, one in sets.items():
+        if len(one.judgments) > 1 and all(name in pick for pick in picks.values()):
+            on_first, on_other = (one.judgments[picks[half][name]] for half in (True, False))
+            judged[name] = np.where(halves[name], on_other, on_first)
+    return judged
+
+
+def with_fitted(
+    people: Sequence[PeopleAndModels], sets: Mapping[str, Candidates], settings: Settings
+) -> tuple[PeopleAndModels, ...]:
+    """People and models, and beside these the ones whose parameters are chosen on the responses.
+
+    Their names end in `FITTED`; see `judgments_of_fitted`.
+    """
+    judged = judgments_of_fitted(sets, settings)
+    fitted: dict[str, dict[str, Array]] = {one.trials.liquid: {} for one in people}
+    for name, judgments in judged.items():
+        one = sets[name]
+        fitted[one.trials.liquid][f"{one.model}{FITTED}"] = judgments
+    return tuple(replace(one, models={**one.models, **fitted[one.trials.liquid]}) for one in people)
 
 
 def cross_validation_table(
@@ -353,6 +312,7 @@ def cross_validation_table(
     picks = [choose(sets, {name: train[name][k] for name in sets}) for k in range(halvings)]
     rows = []
     for name, number in overall.items():
+        one = sets[name]
         made = [(k, pick[name]) for k, pick in enumerate(picks) if name in pick]
         trained = np.array([train[name][at] for at in made])
         tested = np.array([test[name][at] for at in made])
@@ -362,24 +322,24 @@ def cross_validation_table(
         trained, tested = trained[known], tested[known]
         rows.append(
             {
-                "model": name,
-                "liquid": sets[name].trials.liquid,
+                "model": one.model,
+                "liquid": one.trials.liquid,
                 "in_sample": float(everywhere[name][number]),
                 "train": float(trained.mean()),
                 "test": float(tested.mean()),
                 "optimism": float(trained.mean() - tested.mean()),
                 "halvings": len(trained),
-                "chosen": _most_chosen(name, sets[name], [at for _, at in made]),
+                "chosen": _most_chosen(one, [at for _, at in made]),
             }
         )
     return pd.DataFrame(rows)
 
 
-def _most_chosen(name: str, one: Candidates, numbers: Sequence[int], most: int = 3) -> str:
+def _most_chosen(one: Candidates, numbers: Sequence[int], most: int = 3) -> str:
     """The parameters that were chosen most often, with their shares."""
-    free = FITTED[name].free or tuple(one.axes)
+    free = one.free or tuple(one.axes)
     words = pd.Series(
-        [_in_words({axis: one.axes[axis][number] for axis in free}) for number in numbers]
+        [in_words({axis: one.axes[axis][number] for axis in free}) for number in numbers]
     )
     shares = words.value_counts(normalize=True).head(most)
     return "; ".join(f"{words} ({100 * share:.0f} %)" for words, share in shares.items())
@@ -391,7 +351,9 @@ def scores_table(sets: Mapping[str, Candidates]) -> pd.DataFrame:
     for name, one in sets.items():
         r = scores[name]
         tables.append(
-            pd.DataFrame({"model": name, "liquid": one.trials.liquid, **one.axes, "r": r})
+            pd.DataFrame(
+                {"model": one.model, "liquid": one.trials.liquid} | as_columns(one.axes) | {"r": r}
+            )
         )
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
@@ -412,8 +374,9 @@ def carried_table(
     """
     rows = []
     for one in compared:
-        for name, spec, r_there in zip(choice["model"], choice["spec"], choice["r"], strict=True):
-            if spec not in one.models or FITTED[name].liquid != called(one.trials.liquid):
+        names = (choice[name] for name in ("model", "liquid", "spec", "r"))
+        for name, liquid, spec, r_there in zip(*names, strict=True):
+            if spec not in one.models or called(liquid) != called(one.trials.liquid):
                 continue
             low, high = _r_interval(one.trials, one.models[spec], settings)
             r = pearson(mean_judgments(one.trials.responses), one.models[spec][None])[0]
@@ -437,8 +400,8 @@ def read_choice(folder: Path) -> pd.DataFrame:
     """
     path = folder / "report" / "tables" / "choice.csv"
     try:
-        table = read_table(path, text=("model", "spec"))
-        require_columns(path, table, ("model", "spec", "r"))
+        table = read_table(path, text=("model", "liquid", "spec"))
+        require_columns(path, table, ("model", "liquid", "spec", "r"))
         table["r"] = numbers_in(path, table, "r", table["r"].isna())
     except InputError as error:
         raise InputError(

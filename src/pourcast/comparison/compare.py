@@ -1,8 +1,8 @@
 """A study's people and models, compared: everything that `compare` prints and `report` shows."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -10,6 +10,7 @@ import pandas as pd
 from pourcast.comparison import agreement, choice, stimulus, window
 from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.comparison.answer import answers
+from pourcast.comparison.candidates import Candidates, candidates
 from pourcast.comparison.retest import retest_table, unknown_retest
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
@@ -48,7 +49,8 @@ class ComparisonOptions:
     responses
         Table of responses, or a folder of them; by default the only one in the study's folder.
     models
-        Model specs; the paper's presets by default.
+        Model specs, or names with ``:fitted`` at their end for those whose parameters are chosen
+        on these responses; the paper's presets and all that were swept by default.
     scale
         Of the responses in a table, if they aren't shares and its mapping doesn't say it.
     columns
@@ -96,7 +98,9 @@ class Comparison:
     compared
         People and models, one for each liquid.
     judged
-        All judgments that were swept.
+        All judgments that are known.
+    candidates
+        What parameters were chosen from; see `candidates.candidates`.
     pours
         Of each model that averages pours, the typical one, in a scene of each kind.
     exclusions, remarks
@@ -116,6 +120,7 @@ class Comparison:
     settings: Settings
     compared: tuple[PeopleAndModels, ...]
     judged: Judgments
+    candidates: Mapping[str, Candidates]
     pours: tuple[Pour, ...]
     exclusions: tuple[Exclusion, ...]
     remarks: tuple[str, ...]
@@ -142,7 +147,7 @@ TABLES = {
     "retest": "Within-person reliability: first and second answers to the same scenes",
     "chance": "Single participants against chance",
     "participants": "Participants",
-    "choice": "Parameters chosen on these responses, by the paper's procedure",
+    "choice": "Parameters chosen on these responses (r is in sample; that of NAME:fitted is not)",
     "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
     "carried": "Parameters chosen in another experiment, carried over unchanged",
     "loo": "Likelihood of single answers: models by PSIS-LOO, the best first",
@@ -199,7 +204,8 @@ def compare_study(
     experiment, own = study_experiment(study, scenes), study_liquids(study)
     usual = (experiment and experiment.models) or complete_presets()
     asked = list(options.models or usual)
-    specs = [spec for spec in asked if spec != stimulus.NAME]
+    fitted = [spec for spec in options.models if spec.endswith(choice.FITTED)]
+    specs = [spec for spec in asked if spec not in (stimulus.NAME, *fitted)]
     carried = [] if options.carried is None else list(options.carried["spec"])
     wanted = [
         (called(one.liquid), spec) for one in trials for spec in dict.fromkeys([*specs, *carried])
@@ -208,7 +214,7 @@ def compare_study(
         study, scenes, wanted, "compare", report=sweep_words(report, "judging")
     )
     for liquid in {called(one.liquid) for one in trials}:
-        if len(specs) < len(asked):
+        if stimulus.NAME in asked:
             judgments[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
         elif (
             not options.models
@@ -235,10 +241,13 @@ def compare_study(
         )
 
     judged = study_judgments(study, scenes)
-    people = compared([*specs, stimulus.NAME])
+    sets = candidates(judged, trials)
+    people = choice.with_fitted(compared([*specs, stimulus.NAME]), sets, settings)
+    if options.models:
+        people = _only(people, fitted, path)
     report("comparing: single participants", 0, 1)
     individuals = agreement.individuals(people, settings)
-    tables = _tables(people, judged, settings, individuals, report)
+    tables = _tables(people, judged, sets, settings, individuals, report)
     if options.bayes:
         tables |= _bayes(people, settings, report)
     if options.carried is not None:
@@ -253,11 +262,13 @@ def compare_study(
         settings=settings,
         compared=people,
         judged=judged,
+        candidates=sets,
         pours=tuple(_pours(scenes, wanted, own)),
         exclusions=tuple(exclusions),
         remarks=(
             *told,
             *_models_remarks(specs, labels, own),
+            *_fitted_remarks(people),
             *uncompared(table),
             *repeats(table),
             *remarks(trials, scenes),
@@ -276,15 +287,54 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(b"".join(each)).hexdigest()
 
 
+def _only(
+    people: Sequence[PeopleAndModels], wanted: Sequence[str], source: Path
+) -> tuple[PeopleAndModels, ...]:
+    """Of the fitted models only those that were asked for."""
+    there = {name for one in people for name in one.names if name.endswith(choice.FITTED)}
+    for name in wanted:
+        if name not in there:
+            known = f"there are {', '.join(sorted(there))}" if there else "there is none"
+            raise InputError(
+                f"model {name}: not fitted on {source} ({known}): it needs a sweep of the study "
+                f"with several values of its parameters (`pourcast sweep STUDY --grid FILE`), and "
+                f"{choice.FEWEST_SCENES} scenes that were answered"
+            )
+    left_out = there - set(wanted)
+    kept = tuple(
+        replace(one, models={name: j for name, j in one.models.items() if name not in left_out})
+        for one in people
+    )
+    for one in kept:
+        if not one.models:
+            raise InputError(
+                f"model: none of these was fitted on {called(one.trials.liquid)} trials, and there "
+                f"are some in {source}: name one for them, too"
+            )
+    return kept
+
+
+def _fitted_remarks(people: Sequence[PeopleAndModels]) -> list[str]:
+    """What it means that a model's parameters were chosen on these responses."""
+    fitted = [name for one in people for name in one.names if name.endswith(choice.FITTED)]
+    if not fitted:
+        return []
+    return [
+        f"{', '.join(dict.fromkeys(fitted))}: each half of the scenes is judged with parameters "
+        "that were chosen on the other half, so that r, intervals and tests are not flattered by "
+        "the choice"
+    ]
+
+
 def _tables(
     people: Sequence[PeopleAndModels],
     judged: Judgments,
+    sets: Mapping[str, Candidates],
     settings: Settings,
     individuals: Individuals,
     report: Report,
 ) -> dict[str, pd.DataFrame]:
     trials = [one.trials for one in people]
-    sets = choice.candidates(judged, trials)
     variances = window.window_variances(judged, trials[0].liquid, settings)
     steps: dict[str, Callable[[], pd.DataFrame]] = {
         "agreement": lambda: _stacked(agreement.agreement_table, people, settings),
@@ -371,14 +421,14 @@ def _doubts(
 ) -> list[str]:
     """What could not be computed or be relied on, and why."""
     doubts = []
-    if tables["choice"].empty and judged.rows.empty:
+    if tables["choice"].empty and not judged.rows["swept"].any():
         doubts.append(
             "no parameters were chosen: no grid was swept (`pourcast sweep STUDY --grid quick`)"
         )
     elif tables["choice"].empty:
         doubts.append(
-            "no parameters were chosen: what was swept holds no values of the paper's models with "
-            "these liquids to choose among (`pourcast sweep STUDY --grid quick` does)"
+            "no parameters were chosen: what was swept holds no values of a model's parameters "
+            "with these liquids to choose among (`pourcast sweep STUDY --grid quick` does)"
         )
     elif tables["cross_validation"].empty:
         doubts.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")

@@ -1,6 +1,6 @@
-"""What a design could have told apart: recovery of parameters and models, and power, as tables."""
+"""What a study could tell apart: its parameters and models planted in simulated studies of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,15 +8,21 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pourcast.comparison.agreement import Settings
+from pourcast.comparison.candidates import candidates
+from pourcast.comparison.choice import FITTED
+from pourcast.comparison.design import Design, model_recovery_table, power_table
 from pourcast.errors import InputError, unknown
+from pourcast.experiment.data.responses import study_responses
 from pourcast.models.registry import complete_presets, family_of, make_model, name_of
 from pourcast.progress import Progress, Report, no_report
-from pourcast.scenes.liquids.registry import resolve_liquid
-from pourcast.statistics.jackknife import Over
+from pourcast.scenes.liquids.registry import called, resolve_liquid
+from pourcast.statistics.jackknife import FEWEST
 from pourcast.statistics.observer import Population
-from pourcast.statistics.recovery import confusion, power_of, recover_parameters
+from pourcast.statistics.recovery import confusion, recover_parameters
 from pourcast.study.experiments.base import observer_model
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
+from pourcast.study.trials import Trials, arrange
 from pourcast.sweep.judgments import (
     OWN_ALPHA,
     Judgments,
@@ -104,80 +110,6 @@ def parameter_recovery_table(
     return table.assign(within_one_step=near.mean(axis=1))
 
 
-def model_recovery_table(
-    models: Mapping[str, Array],
-    *,
-    observers: int,
-    studies: int,
-    population: Population,
-    seed: int,
-    report: Report = no_report,
-) -> pd.DataFrame:
-    """Each model planted in turn, and which model fits its studies best: shares of the studies.
-
-    Returns
-    -------
-    DataFrame
-        A row a planted model (the index), a column a recovered one.
-    """
-    names = list(models)
-    recovered = recover_parameters(
-        np.stack(list(models.values())), range(len(names)), observers=observers, studies=studies,
-        population=population, rng=np.random.default_rng(seed), progress=_planting(report),
-    )  # fmt: skip
-    shares = confusion(recovered, len(names)) / studies
-    return pd.DataFrame(shares, columns=names, index=pd.Index(names, name="planted"))
-
-
-def power_table(
-    models: Mapping[str, Array],
-    *,
-    observers: Sequence[int],
-    scenes: Sequence[int],
-    studies: int,
-    population: Population,
-    over: Over,
-    level: float,
-    seed: int,
-    report: Report = no_report,
-) -> pd.DataFrame:
-    """Power to tell two models apart, for designs of several sizes.
-
-    Parameters
-    ----------
-    models
-        Two models: the one in the observers' heads, then its rival.
-    observers, scenes
-        Sizes.
-    studies
-        Simulated for each size.
-    population
-        How observers answer.
-    over, level
-        What the difference must hold over, and the level of its test.
-    seed
-        Source of all randomness.
-    report
-        Told of the progress.
-
-    Returns
-    -------
-    DataFrame
-        A row a size: `observers`, `scenes`, `power`, `low`, `high`, `wrong`.
-    """
-    (true_name, true), (rival_name, rival) = models.items()
-    sizes = [(people, shown) for people in observers for shown in scenes]
-    rows = []
-    for done, (people, shown) in enumerate(sizes):
-        report(f"{true_name} against {rival_name}: {people} x {shown}", done, len(sizes))
-        power = power_of(
-            true, rival, observers=people, scenes=shown, studies=studies, population=population,
-            rng=np.random.default_rng([seed, people, shown]), over=over, level=level,
-        )  # fmt: skip
-        rows.append({"observers": people, "scenes": shown, **vars(power)})
-    return pd.DataFrame(rows)
-
-
 # Of a study -----------------------------------------------------------------------------
 
 OPPONENTS = ("water-ife", "water-marble")
@@ -251,10 +183,10 @@ def recover_models(
     observers: int,
     studies: int,
     population: Population,
-    seed: int,
+    settings: Settings,
     report: Report = no_report,
 ) -> Recovery:
-    """Plant each of some models in a study; see `model_recovery_table`.
+    """Plant each of some models in a study; see `design.model_recovery_table`.
 
     Parameters
     ----------
@@ -263,9 +195,9 @@ def recover_models(
     liquid
         Liquid of the trials.
     specs
-        The models, at least two; all presets by default.
-    observers, studies, population, seed
-        As for `statistics.recovery.recover_parameters`.
+        The models, at least two; by default all that `compare` has, fitted ones too.
+    observers, studies, population, settings
+        As for `design.model_recovery_table`.
     report
         Told of the progress.
 
@@ -274,14 +206,14 @@ def recover_models(
     InputError
         If the study or a model is wrong.
     """
-    scenes, specs = study_scenes(study), list(dict.fromkeys(specs or complete_presets()))
-    if len(specs) < 2:
+    design = study_design(study, liquid, specs)
+    if len(design.names) < 2:
         raise InputError("model: expected at least two models to tell apart")
     table = model_recovery_table(
-        _judged(study, liquid, specs), observers=observers, studies=studies,
-        population=population, seed=seed, report=report,
+        design, observers=observers, studies=studies, population=population, settings=settings,
+        report=report,
     )  # fmt: skip
-    title = f"{liquid} trials: {observers} participants, {len(scenes)} scenes"
+    title = f"{liquid} trials: {observers} participants, {len(design.scenes)} scenes"
     return Recovery(title, table)
 
 
@@ -294,12 +226,10 @@ def study_power(
     scenes: Sequence[int] = (),
     studies: int,
     population: Population,
-    over: Over,
-    level: float,
-    seed: int,
+    settings: Settings,
     report: Report = no_report,
 ) -> Recovery:
-    """Power to tell two models apart with a study's scenes; see `power_table`.
+    """Power to tell two models apart with a study's scenes; see `design.power_table`.
 
     Parameters
     ----------
@@ -308,32 +238,83 @@ def study_power(
     liquid
         Liquid of the trials.
     specs
-        The model in people's heads, and its rival; `OPPONENTS` by default.
+        The model in people's heads, its rival, and what else is compared; `OPPONENTS`, among all
+        that `compare` has, by default.
     observers, scenes
-        Sizes; `OBSERVER_COUNTS`, and all scenes, by default.
-    studies, population, over, level, seed
-        As for `power_table`.
+        Sizes, beside the study's own; `OBSERVER_COUNTS` by default.
+    studies, population, settings
+        As for `design.power_table`.
     report
         Told of the progress.
 
     Raises
     ------
     InputError
-        If the study or a model is wrong, or they are not two.
+        If the study or a model is wrong, or there are not two.
     """
-    there, specs = study_scenes(study), list(specs or OPPONENTS)
-    if len(set(specs)) != 2 or len(specs) != 2:
-        raise InputError(f"model: expected two models to tell apart, found {len(specs)}")
+    design = study_design(study, liquid, specs)
+    true, rival = list(dict.fromkeys(specs or OPPONENTS))[:2] if len(set(specs)) != 1 else ("", "")
+    if not true:
+        raise InputError("model: expected two models to tell apart, found 1")
+    own = _participants_of(study, design)
     table = power_table(
-        _judged(study, liquid, specs), observers=observers or OBSERVER_COUNTS,
-        scenes=scenes or [len(there)], studies=studies, population=population,
-        over=over, level=level, seed=seed, report=report,
+        design, true, rival,
+        observers=sorted({*(observers or OBSERVER_COUNTS), *own}),
+        scenes=sorted({*scenes, len(design.scenes)}),
+        studies=studies, population=population, settings=settings, report=report,
     )  # fmt: skip
-    return Recovery(f"{specs[0]} in people's heads, told from {specs[1]}", table)
+    pairs = len(design.names) * (len(design.names) - 1) // 2
+    among = f", p corrected for all {pairs} pairs of {len(design.names)} models"
+    return Recovery(
+        f"{true} in people's heads, told from {rival}{among if pairs > 1 else ''}", table
+    )
 
 
-def _judged(study: Path, liquid: str, specs: Sequence[str]) -> dict[str, Array]:
-    """Judgments of models on a study's scenes, by their specs."""
-    requests = [(liquid, spec) for spec in specs]
-    judgments = judge_in_study(study, study_scenes(study), requests, _GRID)
-    return {spec: judgments[liquid, spec] for spec in specs}
+def study_design(study: Path, liquid: str, specs: Sequence[str] = ()) -> Design:
+    """What a study's trials with one liquid compare, whether or not anybody has taken part.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    liquid
+        Liquid of the trials.
+    specs
+        The models; by default all that `compare` has.
+
+    Raises
+    ------
+    InputError
+        If the study or a model is wrong.
+    """
+    scenes = study_scenes(study)
+    shown = resolve_liquid(liquid, scenes[0], study_liquids(study)).name
+    asked = list(dict.fromkeys(specs or complete_presets()))
+    given = [spec for spec in asked if not spec.endswith(FITTED)]
+    judgments = judge_in_study(study, scenes, [(liquid, spec) for spec in given], _GRID)
+    nobody = Trials(shown, (), tuple(scenes), np.empty((0, len(scenes))))
+    sets = candidates(study_judgments(study, scenes), [nobody])
+    names = {f"{one.model}{FITTED}": name for name, one in sets.items() if len(one.judgments) > 1}
+    for spec in asked:
+        if spec.endswith(FITTED) and spec not in names:
+            raise InputError(f"model: {unknown(spec, names) if names else f'{spec}: no sweep'}")
+    wanted = [names[spec] for spec in asked if spec in names] if specs else list(names.values())
+    return Design(
+        shown, tuple(scenes), {spec: judgments[liquid, spec] for spec in given},
+        {name: sets[name] for name in wanted},
+    )  # fmt: skip
+
+
+def _participants_of(study: Path, design: Design) -> list[int]:
+    """How many judge, or shall judge, trials with the liquid; nothing if nobody knows."""
+    try:
+        table, path = study_responses(study, None, design.scenes)
+    except InputError:
+        experiment = study_experiment(study, list(design.scenes))
+        if experiment is None:
+            return []
+        seeing = sum(called(design.liquid) in group for group in experiment.groups)
+        return [max(FEWEST, experiment.participants * seeing // len(experiment.groups))]
+    trials = arrange(table, design.scenes, str(path))
+    counts = [one.participant_count for one in trials if one.liquid == design.liquid]
+    return [max(FEWEST, count) for count in counts if count]

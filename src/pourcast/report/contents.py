@@ -9,14 +9,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pourcast.comparison.agreement import PeopleAndModels
+from pourcast.comparison.agreement import PeopleAndModels, Settings
 from pourcast.comparison.compare import Comparison
-from pourcast.comparison.recovery import (
-    along,
-    model_recovery_table,
-    parameter_recovery_table,
-    power_table,
-)
+from pourcast.comparison.design import Design, model_recovery_table, power_table
+from pourcast.comparison.recovery import along, parameter_recovery_table
 from pourcast.errors import InputError
 from pourcast.pictures.show import show
 from pourcast.prediction import predict
@@ -24,7 +20,7 @@ from pourcast.progress import Report
 from pourcast.report.figures import design, fits, models, people, scenes
 from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import mean_judgments
-from pourcast.statistics.jackknife import FEWEST
+from pourcast.statistics.jackknife import FEWEST, over_words
 from pourcast.statistics.observer import Population
 from pourcast.study.experiments.base import (
     observer_model,
@@ -53,10 +49,11 @@ CAPTIONS = {
     "heuristics": "Models without a liquid: paths of the gravity heuristic and of SimpleSim, "
     "blobs half-way, and marbles.",
     "model_recovery": "Model recovery, {liquid} trials: each model was planted in simulated "
-    "observers; which one fits them best?",
+    "observers, models that are fitted here with any of the values that were swept, and fitted "
+    "anew to each study. Which one agrees best with them; and (told) how often the planted one "
+    "does, and is told from all others as in the table of differences?",
     "power": "Power, {liquid} trials: chance that {first}, if it is in people's heads, is told "
-    "from {second} (difference in r, over participants and scenes, p < .05 for this pair alone). "
-    "Of more scenes than there are, some are drawn twice.",
+    "from {second} as in the table of differences (over {over}, p < .05 for all pairs).{again}",
     "zeta_recovery": "Recovery of zeta, {liquid} trials: each damping of {first} was planted in "
     "simulated observers; which one fits them best?",
 }
@@ -151,22 +148,23 @@ def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterat
     tell
         Told of the progress.
     """
-    common: dict[str, Any] = {
-        "studies": studies, "population": Population(), "seed": comparison.settings.seed,
-        "report": tell,
-    }  # fmt: skip
+    common: dict[str, Any] = {"studies": studies, "population": Population(), "report": tell}
+    settings = comparison.settings
     for one in comparison.compared:
         if one.trials.participant_count == 0:
             continue  # As many observers as there were participants can't be simulated.
         if len(one.models) > 1:
-            yield _model_recovery(one, common)
-            yield from _power(one, comparison.settings.level, common)
+            compared = Design.of(one, comparison.candidates)
+            yield _model_recovery(one, compared, settings, common)
+            yield from _power(one, compared, settings, common)
         yield from _zeta_recovery(one, comparison, common)
 
 
-def _model_recovery(one: PeopleAndModels, common: dict[str, Any]) -> ReportFigure:
+def _model_recovery(
+    one: PeopleAndModels, compared: Design, settings: Settings, common: dict[str, Any]
+) -> ReportFigure:
     short, count = called(one.trials.liquid), len(one.trials.participants)
-    table = model_recovery_table(one.models, observers=count, **common)
+    table = model_recovery_table(compared, observers=count, settings=settings, **common)
     title = f"{short} trials: {count} participants, {len(one.trials.scenes)} scenes"
     return ReportFigure(
         f"model_recovery_{short}", "design", CAPTIONS["model_recovery"].format(liquid=short),
@@ -174,18 +172,24 @@ def _model_recovery(one: PeopleAndModels, common: dict[str, Any]) -> ReportFigur
     )  # fmt: skip
 
 
-def _power(one: PeopleAndModels, level: float, common: dict[str, Any]) -> Iterator[ReportFigure]:
+def _power(
+    one: PeopleAndModels, compared: Design, settings: Settings, common: dict[str, Any]
+) -> Iterator[ReportFigure]:
     best, short = models.best_of_each_family(one, 2), called(one.trials.liquid)
     if len(best) < 2:
         return
     people, scenes = one.trials.responses.shape
     table = power_table(
-        {name: one.models[name] for name in best},
+        compared, *best, settings=settings,
         observers=sorted({*POWER_OBSERVERS, max(FEWEST, people)}),
         scenes=sorted({*(n for n in POWER_SCENES if n <= 2 * scenes), max(FEWEST, scenes)}),
-        over="both", level=level, **common,
+        **common,
     )  # fmt: skip
-    caption = CAPTIONS["power"].format(liquid=short, first=best[0], second=best[1])
+    again = f" Of more than {scenes} scenes some are drawn twice: that power is too high."
+    caption = CAPTIONS["power"].format(
+        liquid=short, first=best[0], second=best[1], over=over_words(settings.over),
+        again=again if table["drawn_again"].any() else "",
+    )  # fmt: skip
     figure = design.power(table, f"{best[0]} / {best[1]}")
     yield ReportFigure(f"power_{short}", "design", caption, figure, table=table)
 
@@ -201,8 +205,9 @@ def _zeta_recovery(
     except InputError:
         return  # No grid was swept; the page says so.
     table = parameter_recovery_table(
-        values, judgments, observers=len(one.trials.participants), spread=0.0, **common
-    )
+        values, judgments, observers=len(one.trials.participants), spread=0.0,
+        seed=comparison.settings.seed, **common,
+    )  # fmt: skip
     yield ReportFigure(
         f"zeta_recovery_{short}", "design",
         CAPTIONS["zeta_recovery"].format(liquid=short, first=spec),

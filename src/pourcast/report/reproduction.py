@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pourcast.comparison.agreement import Settings
-from pourcast.comparison.choice import candidates, count_without_alphas, read_choice
+from pourcast.comparison.candidates import candidates
+from pourcast.comparison.choice import count_without_alphas, read_choice
 from pourcast.comparison.compare import Comparison, ComparisonOptions, compare_study
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.data.responses import study_responses

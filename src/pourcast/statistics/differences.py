@@ -25,28 +25,41 @@ class Differences:
     ----------
     first, second
         Numbers of the models of each pair.
-    difference
-        r of the first minus that of the second.
-    low, high
-        Its interval.
-    p
-        Two-sided, of no difference, before any correction; NaN where it can't be told.
+    single
+        Fisher's z of each model, shape [model_count].
+    paired
+        Difference in z of each pair.
     """
 
     first: NDArray[np.int64]
     second: NDArray[np.int64]
-    difference: Array
-    low: Array
-    high: Array
-    p: Array
+    single: Estimate
+    paired: Estimate
+
+    @property
+    def difference(self) -> Array:
+        """Of the first minus the second."""
+        r: Array = np.tanh(self.single.value)
+        return r[self.first] - r[self.second]
+
+    @property
+    def p(self) -> Array:
+        """Two-sided, of no difference in z, before any correction; NaN where it can't be told."""
+        return self.paired.p
+
+    def interval(self, level: float) -> tuple[Array, Array]:
+        """Limits of the difference in r.
+
+        Errors of both z, as they go together, are carried over to it by a normal distribution of
+        `_DRAWS` points, the same ones each time.
+        """
+        return _ends_in_r(self.single[self.first], self.single[self.second], self.paired, level)
 
 
-def compare_pairs(responses: Array, models: Array, over: Over, level: float) -> Differences:
-    """Compare all pairs of models on the same people and scenes.
+def compare_pairs(responses: Array, models: Array, over: Over) -> Differences:
+    """Compare all pairs of models on the same people and scenes, in Fisher's z.
 
-    The test is of the difference in Fisher's z, whose errors are normal. The interval is of the
-    difference in r: errors of both z, as they go together, are carried over to it by a normal
-    distribution of `_DRAWS` points, the same ones each time.
+    Its errors are normal.
 
     Parameters
     ----------
@@ -56,8 +69,6 @@ def compare_pairs(responses: Array, models: Array, over: Over, level: float) -> 
         Judgments, shape [model_count, scene_count].
     over
         What the difference must hold over.
-    level
-        Of the intervals.
     """
     count = len(models)
     first, second = np.triu_indices(count, 1)
@@ -67,10 +78,22 @@ def compare_pairs(responses: Array, models: Array, over: Over, level: float) -> 
         return np.hstack([z, z[:, first] - z[:, second]])
 
     found = jackknife(responses, measure, over)
-    single, paired = found[:count], found[count:]
-    r = np.tanh(single.value)
-    low, high = _ends_in_r(single[first], single[second], paired, level)
-    return Differences(first, second, r[first] - r[second], low, high, paired.p)
+    return Differences(first, second, found[:count], found[count:])
+
+
+def holm(p: Array) -> Array:
+    """P values corrected for their number (Holm 1979); NaN stays, and doesn't count.
+
+    Examples
+    --------
+    >>> holm(np.array([0.01, np.nan, 0.04, 0.03])).tolist()
+    [0.03, nan, 0.06, 0.06]
+    """
+    order = np.argsort(p)[: int(np.isfinite(p).sum())]
+    corrected = np.full(len(p), np.nan)
+    steps = p[order] * np.arange(len(order), 0, -1)
+    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return corrected
 
 
 def _ends_in_r(

@@ -18,7 +18,7 @@ def recovery(table: pd.DataFrame, title: str) -> Figure:
     title
         What was planted.
     """
-    shares = table.drop(columns="within_one_step", errors="ignore")
+    shares = table.drop(columns=["within_one_step", "told"], errors="ignore")
     numeric = all(isinstance(name, int | float | np.number) for name in shares.columns)
     with mpl.rc_context(RC):
         size = max(COLUMN, 1.4 + (0.2 if numeric else 0.28) * len(shares))
@@ -27,7 +27,7 @@ def recovery(table: pd.DataFrame, title: str) -> Figure:
         picture = axes.imshow(shares.to_numpy(), cmap="viridis", vmin=0.0, vmax=1.0)
         places = range(len(shares))
         axes.set_xticks(places, [_word(name) for name in shares.columns])
-        axes.set_yticks(places, [_word(name) for name in shares.index])
+        axes.set_yticks(places, _planted(table))
         if not numeric:
             axes.set_xticklabels(axes.get_xticklabels(), rotation=60, ha="right")
         for (i, j), share in np.ndenumerate(shares.to_numpy()):
@@ -39,6 +39,17 @@ def recovery(table: pd.DataFrame, title: str) -> Figure:
         axes.set(xlabel="recovered", ylabel="planted", title=title)
         figure.colorbar(picture, ax=axes, shrink=0.8, label="share of simulated studies")
     return figure
+
+
+def _planted(table: pd.DataFrame) -> list[str]:
+    """What was planted; with how often it was told from all others, if that is known."""
+    words = [_word(name) for name in table.index]
+    if "told" not in table:
+        return words
+    return [
+        f"{word} (told {100 * share:.0f} %)"
+        for word, share in zip(words, table["told"], strict=True)
+    ]
 
 
 def _word(name: object) -> str:

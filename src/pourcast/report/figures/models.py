@@ -43,7 +43,7 @@ def correlations(
     with mpl.rc_context(RC):
         figure = new_figure(PAGE if len(liquids) > 1 else COLUMN, 0.9 + 0.2 * len(models))
         for axes, liquid in zip(_panels(figure, len(liquids), sharey=True), liquids, strict=True):
-            rows = agreement[agreement["liquid"] == liquid].set_index("model").loc[models]
+            rows = agreement[agreement["liquid"] == liquid].set_index("model").reindex(models)
             short, places = called(liquid), np.arange(len(models))
             axes.barh(places, rows["r"], color=colour_of(short, own), height=0.7, alpha=0.85)
             axes.hlines(places, rows["r_low"], rows["r_high"], color="black", linewidth=1)
