@@ -92,9 +92,10 @@ def recode(path: Path, columns: Columns, scene_ids: Collection[str]) -> Recoded:
             parts.append(_file(file, columns, scene_ids))
     faults.refuse()
     remarks = _remarks(path, parts)
-    table = pd.concat([one.table for one in parts], ignore_index=True)
-    if table.empty:
+    filled = [one.table for one in parts if len(one.table)]
+    if not filled:
         raise InputError("; ".join((f"{path}: no rows, expected one a trial", *remarks)))
+    table = pd.concat(filled, ignore_index=True)
     rows = [
         f"{row} of {file.name}" if path.is_dir() else row
         for file, one in zip(files, parts, strict=True)
