@@ -42,11 +42,12 @@ def test_a_shift_is_noise_but_lowers_no_correlation():
     assert found.noise[0] > 0.05
 
 
-def test_intervals_hold_the_truth_as_often_as_they_say():
+@pytest.mark.parametrize(("count", "scenes"), [(12, 30), (20, 6), (5, 10)])
+def test_intervals_hold_the_truth_as_often_as_they_say(count, scenes):
     rng = np.random.default_rng(4)
     held = []
     for _ in range(300):
-        found = retest(*people(12, 30, 0.15, rng), 0.9)
+        found = retest(*people(count, scenes, 0.15, rng), 0.9)
         share = 0.15**2 / (0.15**2 + 0.04)
         held.append((found.noise[1] < share < found.noise[2], found.r[1] < 1 - share < found.r[2]))
     assert np.mean(held, axis=0) == pytest.approx([0.9, 0.9], abs=0.05)

@@ -53,6 +53,9 @@ def retest(first: Array, second: Array, level: float) -> Retest:
 
     Notes
     -----
+    Correlations: Fisher's z of each participant, less its bias with n scenes, r / (2 (n - 1))
+    (Hotelling 1953, Journal of the Royal Statistical Society B 15).
+
     Noise: from a one-way analysis of variance within each participant, pooled; one minus the share
     is the intraclass correlation ICC(1) of Shrout & Fleiss (1979, Psychological Bulletin 86). A
     shift from first to second answers is noise in it, and not in the correlation.
@@ -63,20 +66,22 @@ def retest(first: Array, second: Array, level: float) -> Retest:
         (x[both], y[both])
         for x, y, both in zip(first[enough], second[enough], there[enough], strict=True)
     ]
-    r = np.array([_correlation(x, y) for x, y in pairs])
+    z = np.array([_unbiased_z(x, y) for x, y in pairs])
     parts = np.array([_noise_and_total(x, y) for x, y in pairs]).reshape(-1, 2)
     return Retest(
         len(pairs),
         int(there[enough].sum()),
-        _mean_r(r[np.isfinite(r)], level),
+        _mean_r(z[np.isfinite(z)], level),
         _ratio(parts, level),
     )
 
 
-def _correlation(x: Array, y: Array) -> float:
+def _unbiased_z(x: Array, y: Array) -> float:
+    """Fisher's z of a correlation, less its bias with few pairs; NaN without spread."""
     if min(x.var(), y.var()) < _NO_SPREAD:
         return float("nan")
-    return float(np.corrcoef(x, y)[0, 1])
+    r = np.clip(np.corrcoef(x, y)[0, 1], -_NEARLY_1, _NEARLY_1)
+    return float(fisher_z(r) - r / (2.0 * (len(x) - 1.0)))
 
 
 def _noise_and_total(x: Array, y: Array) -> tuple[float, float]:
@@ -86,11 +91,10 @@ def _noise_and_total(x: Array, y: Array) -> tuple[float, float]:
     return noise, (between + noise) / 2.0
 
 
-def _mean_r(r: Array, level: float) -> tuple[float, float, float]:
-    if not len(r):
+def _mean_r(z: Array, level: float) -> tuple[float, float, float]:
+    if not len(z):
         return np.nan, np.nan, np.nan
-    z = fisher_z(np.clip(r, -_NEARLY_1, _NEARLY_1))[:, None]
-    found = jackknife(z, lambda means, _: means, "participants")
+    found = jackknife(z[:, None], lambda means, _: means, "participants")
     low, high = found.interval(level)
     return float(np.tanh(z.mean())), float(np.tanh(low[0])), float(np.tanh(high[0]))
 
