@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from pourcast import cli
+from pourcast.experiment.design import materials
 from pourcast.scenes.liquids.registry import liquid_from
 from pourcast.sweep import grid
 from pourcast.sweep.grid import parse_grid
@@ -88,8 +89,12 @@ COARSER = {
 
 
 @pytest.fixture
-def _coarse_grid(monkeypatch):
-    """Let `quick` be quicker still: the slow reproductions sweep the whole of it."""
+def _quicker(monkeypatch):
+    """Let `quick` be quicker still, and what is shown for want of films be short.
+
+    The slow reproductions sweep the whole grid; films as long as they are have tests of their own.
+    """
+    monkeypatch.setattr(materials, "QUICK", materials.QUICK.model_copy(update={"seconds": 0.5}))
 
     def coarse(text, name, *more):
         for whole, part in COARSER.items() if name == "quick" else ():
@@ -100,7 +105,7 @@ def _coarse_grid(monkeypatch):
     assert 90 < sum(1 for _ in grid.read_grid("quick").points()) < 324 / 2
 
 
-@pytest.mark.usefixtures("_coarse_grid")
+@pytest.mark.usefixtures("_quicker")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_page_runs_from_top_to_bottom(page, tmp_path, monkeypatch, capsys):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")

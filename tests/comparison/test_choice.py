@@ -172,7 +172,7 @@ def test_carried_parameters_are_judged_unchanged(study):
 # Any other model --------------------------------------------------------------------------
 
 
-def with_rival(study, **columns):
+def with_rival(study):
     """The made-up sweep, and a family of its own in it: `position-uncertainty`, made up too."""
     scenes, _ = study
     rng = np.random.default_rng(8)
@@ -181,7 +181,7 @@ def with_rival(study, **columns):
         judgment_table(
             scenes, f"position-uncertainty:n_particles=25,position_sd={0.01 * k}", family[k],
             "water",
-        ).assign(**columns)
+        )
         for k in range(1, 6)
     ]  # fmt: skip
     return scenes, judgments_of([made_up_table(scenes), *tables], scenes), family
@@ -200,12 +200,6 @@ def test_a_rival_is_fitted_by_its_own_parameters(study):
     validated = cross_validation_table(sets, SETTINGS, halvings=20).set_index("model")
     assert "position_sd=0.03" in validated.loc["position-uncertainty", "chosen"]
     assert set(scores_table(sets)["model"]) >= {"position-uncertainty", "water-ife"}
-
-
-def test_what_a_command_asked_for_is_not_what_was_swept(study):
-    scenes, judged, family = with_rival(study, swept=False)
-    assert "position-uncertainty" not in candidates(judged, [people_like(scenes, family[3])])
-    assert "water-ife" in candidates(judged, [people_like(scenes, family[3])])
 
 
 def test_a_rival_is_fitted_to_each_liquid_where_the_trial_s_makes_no_difference(study):

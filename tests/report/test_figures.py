@@ -78,6 +78,21 @@ def test_heat_map_and_profiles_show_the_scores():
     assert len(line.get_xdata()) == 17
 
 
+def test_profiles_of_other_models_are_the_best_at_each_value():
+    scores = pd.DataFrame(
+        {"model": "rival", "liquid": "water", "blur": [0.1, 0.1, 0.2, 0.2], "r": [0.1, 0.5, 0.3, 0.2],
+         "imagined": ["oil", "water", "oil", "water"]}
+    )  # fmt: skip
+    choice = pd.DataFrame(
+        {"model": ["rival"], "liquid": "water", "fitted": "blur, liquid", "blur": 0.1,
+         "imagined": "water"}
+    )  # fmt: skip
+    blur, imagined = fits.profiles(scores, choice).axes
+    assert blur.lines[0].get_ydata().tolist() == [0.5, 0.3]
+    assert imagined.lines[0].get_ydata().tolist() == [0.3, 0.5]
+    assert blur.lines[1].get_ydata().tolist() == imagined.lines[1].get_ydata().tolist() == [0.5]
+
+
 def test_participants_against_null():
     found = individuals([compared()], SETTINGS)
     figure = people.against_null(found)

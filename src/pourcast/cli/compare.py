@@ -163,9 +163,9 @@ _PRINTED = {
     "chance": ("liquid", "mean_r", "beat_chance", "participants", "permutation_p", "ks_p"),
     "agreement": ("model", "r", "rmse", "bias"),
     "differences": ("model", "rival", "difference", "p_holm"),
-    "choice": ("model", "n_particles", "viscosity_alpha", "damping_zeta", "g", "m", "r", "r_paper"),
+    "choice": ("model", "liquid", "r", "r_paper"),
     "carried": ("model", "r", "r_where_fitted"),
-    "cross_validation": ("model", "in_sample", "train", "test", "optimism"),
+    "cross_validation": ("model", "liquid", "in_sample", "train", "test", "optimism"),
     "loo": ("model", "elpd_loo", "elpd_diff", "dse", "weight"),
     "variance": ("model", "variance"),
     "variance_tests": ("model", "rival", "t", "df", "p"),
@@ -195,14 +195,20 @@ def _print_comparison(found: "Comparison") -> None:
         table = found.tables[name]
         said = f"; over {over_words(table['over'].iloc[0])}" if "over" in table else ""
         typer.echo(f"\n{TABLES[name]}{said}")
-        if "liquid" not in table or "liquid" in columns or name in ("choice", "cross_validation"):
-            _print_columns(table, columns)
+        if "liquid" not in table or "liquid" in columns:
+            _print_columns(table, (*columns, *_parameters(table)))
             continue
         for liquid, rows in table.groupby("liquid", sort=False):
             typer.echo(f"{liquid} trials:")
             _print_columns(rows, columns)
     if "choice" in found.tables:
         _print_flat(found.tables["choice"])
+
+
+def _parameters(table: "pd.DataFrame") -> list[str]:
+    """Columns of chosen parameters, if there are any."""
+    names = list(table.columns)
+    return names[names.index("liquid") + 1 : names.index("fitted")] if "fitted" in names else []
 
 
 def _print_columns(table: "pd.DataFrame", columns: tuple[str, ...]) -> None:
@@ -221,10 +227,11 @@ def _print_columns(table: "pd.DataFrame", columns: tuple[str, ...]) -> None:
 def _print_flat(choice: "pd.DataFrame") -> None:
     """Values that do as well as the chosen ones: an optimum may be flat."""
     typer.echo("\nNot told from the chosen values:")
-    for model, flat, ties in zip(choice["model"], choice["flat"], choice["ties"], strict=True):
+    columns = (choice[name] for name in ("model", "liquid", "flat", "ties"))
+    for model, liquid, flat, ties in zip(*columns, strict=True):
         equals = f"; {ties} candidates with the very same r" if ties else ""
         if flat:
-            typer.echo(f"  {model}: {flat}{equals}")
+            typer.echo(f"  {model} ({liquid} trials): {flat}{equals}")
 
 
 @app.command()

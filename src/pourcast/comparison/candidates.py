@@ -145,7 +145,7 @@ def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candida
     Parameters
     ----------
     judged
-        Judgments on the study's scenes; only of models that were swept.
+        Judgments on the study's scenes.
     trials
         People's responses.
 
@@ -171,7 +171,7 @@ def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candida
 
 def _of_paper(judged: Judgments, trials: Trials, name: str, fit: PaperFit) -> Candidates:
     there = judged.on(trials.scenes)
-    rows = there.on_trials(trials.liquid, swept=True, **fit.fixed)
+    rows = there.on_trials(trials.liquid, **fit.fixed)
     columns = {axis: there.rows[axis].to_numpy()[rows] for axis in fit.axes if len(rows)}
     return Candidates(name, name, trials, columns, fit.free, there.judgments[rows])
 
@@ -182,7 +182,7 @@ def _others(judged: Judgments, trials: Trials, known: Sequence[str]) -> Iterator
     for family in dict.fromkeys(there.rows["family"]):
         if family in known:
             continue
-        rows = there.on_trials(trials.liquid, swept=True, family=family)
+        rows = there.on_trials(trials.liquid, family=family)
         members = [json.loads(text) for text in there.rows["parameters"].iloc[rows]]
         columns = {name: _column([member[name] for member in members]) for name in _all(members)}
         axes = {name: column for name, column in columns.items() if len(set(column)) > 1}

@@ -187,7 +187,11 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
                 "spec": one.spec_of(number),
             }
         )
-    return pd.DataFrame(rows)
+    # Parameters that only some models have stand with the others, before `fitted`.
+    own = dict.fromkeys(name for row in rows for name in list(row)[: list(row).index("fitted")])
+    return (
+        pd.DataFrame(rows, columns=list(own | dict.fromkeys(rows[0]))) if rows else pd.DataFrame()
+    )
 
 
 def _paper_values(one: Candidates) -> dict[str, Any]:

@@ -98,7 +98,7 @@ class Comparison:
     compared
         People and models, one for each liquid.
     judged
-        All judgments that are known.
+        All judgments that were swept.
     candidates
         What parameters were chosen from; see `candidates.candidates`.
     pours
@@ -421,7 +421,7 @@ def _doubts(
 ) -> list[str]:
     """What could not be computed or be relied on, and why."""
     doubts = []
-    if tables["choice"].empty and not judged.rows["swept"].any():
+    if tables["choice"].empty and judged.rows.empty:
         doubts.append(
             "no parameters were chosen: no grid was swept (`pourcast sweep STUDY --grid quick`)"
         )

@@ -1,6 +1,6 @@
 """What a report shows: figures with their captions, films, and what the design could tell apart."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pourcast.comparison.agreement import PeopleAndModels, Settings
+from pourcast.comparison.candidates import PAPER
 from pourcast.comparison.compare import Comparison
 from pourcast.comparison.design import Design, model_recovery_table, power_table
 from pourcast.comparison.recovery import along, parameter_recovery_table
@@ -44,6 +45,8 @@ CAPTIONS = {
     "dots: the choice.",
     "alpha_zeta": "Correlation of the uncertain IFE with people by viscosity and damping; "
     "circle: the best.",
+    "profiles": "Correlation of other fitted models with people along each parameter, at the best "
+    "values of the others; dots: the choice.",
     "particle_engine": "The Intuitive Fluids Engine: smoothing kernel, and one moment with few "
     "particles and with many.",
     "heuristics": "Models without a liquid: paths of the gravity heuristic and of SimpleSim, "
@@ -124,16 +127,25 @@ def figures(comparison: Comparison) -> Iterator[ReportFigure]:
         if len(one.models) > 1:
             matrix = models.differences(tables["differences"], one.trials.liquid)
             yield drawn("differences", "models", matrix, short)
-    if "choice" in tables and "damping_zeta" in tables["choice"]:
-        profiles = fits.zeta_profiles(tables["scores"], tables["choice"])
-        yield drawn("zeta_profiles", "parameters", profiles)
-    if "scores" in tables and "viscosity_alpha" in tables["scores"]:
-        yield drawn("alpha_zeta", "parameters", fits.alpha_zeta(tables["scores"]))
+    if "choice" in tables:
+        yield from _fits(tables["scores"], tables["choice"], drawn)
     example = comparison.scenes[0]
     liquids = tuple(called(one.trials.liquid) for one in comparison.compared)
     engine = scenes.particle_engine(example, liquids, own)
     yield drawn("particle_engine", "explained", engine, **look)
     yield drawn("heuristics", "explained", scenes.heuristics(example), **look)
+
+
+def _fits(
+    scores: pd.DataFrame, choice: pd.DataFrame, drawn: Callable[..., ReportFigure]
+) -> Iterator[ReportFigure]:
+    """Figures of chosen parameters: the paper's models have theirs, any other its profiles."""
+    if set(fits.DAMPED) & set(choice["model"]):
+        yield drawn("zeta_profiles", "parameters", fits.zeta_profiles(scores, choice))
+    if set(fits.WATER_IN_HEAD) & set(choice["model"]):
+        yield drawn("alpha_zeta", "parameters", fits.alpha_zeta(scores))
+    if not choice["model"].isin(PAPER).all():
+        yield drawn("profiles", "parameters", fits.profiles(scores, choice))
 
 
 def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterator[ReportFigure]:

@@ -53,9 +53,6 @@ COLUMNS = ["digest", "liquid", "model", "parameters", "seed", "judgment"]
 OWN_ALPHA = "own"
 """What stands for the liquid's own viscosity among values of `viscosity_alpha`."""
 
-ASKED = ("compare", "observers", "recovery")
-"""Names of the grids of models that commands asked for one by one; any other was swept."""
-
 
 @dataclass(frozen=True)
 class Judgments:
@@ -66,8 +63,8 @@ class Judgments:
     scenes
         The study's scenes.
     rows
-        `liquid`, `family`, `parameters` (JSON), `swept` (not only asked for by a command), and a
-        column for each parameter, as numbers; `imagined` for the liquid in the model's head.
+        `liquid`, `family`, `parameters` (JSON), and a column for each parameter, as numbers;
+        `imagined` for the liquid in the model's head.
     judgments
         Shape [row_count, scene_count]; NaN where none is known.
     own
@@ -152,13 +149,13 @@ def judgments_of(
     Parameters
     ----------
     tables
-        As `prediction.predict` or a sweep gives; `swept` by default.
+        As `prediction.predict` or a sweep gives.
     scenes
         The study's scenes; judgments of any others are left out.
     """
-    parts = [table[COLUMNS].assign(swept=table.get("swept", True)) for table in tables]
+    parts = [table[COLUMNS] for table in tables]
     index = {scene.digest: k for k, scene in enumerate(scenes)}
-    empty = pd.DataFrame(columns=["liquid", "family", "parameters", "swept", "imagined"])
+    empty = pd.DataFrame(columns=["liquid", "family", "parameters", "imagined"])
     if not parts:
         return Judgments(tuple(scenes), empty, np.empty((0, len(scenes))), own)
     table = pd.concat(parts, ignore_index=True)
@@ -166,11 +163,10 @@ def judgments_of(
     names = {name: family_of(name) for name in table["model"].unique()}
     table["family"] = table["model"].map(names)
     keys = ["liquid", "family", "parameters"]
-    table["swept"] = table.groupby(keys, sort=False)["swept"].transform("any")
     table = table.drop_duplicates(["digest", *keys])
     grouped = table.groupby(keys, sort=False)
     number = grouped.ngroup().to_numpy()
-    rows = table[~table.duplicated(keys)][[*keys, "swept"]].reset_index(drop=True)
+    rows = table[~table.duplicated(keys)][keys].reset_index(drop=True)
     judgments = np.full((len(rows), len(scenes)), np.nan)
     judgments[number, table["digest"].map(index).to_numpy(int)] = table["judgment"]
     parameters = pd.DataFrame([columns_of(json.loads(text)) for text in rows["parameters"]])
@@ -182,7 +178,7 @@ def judgments_of(
 
 def columns_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """A model's parameters by the names and values that they have in `Judgments.rows`."""
-    taken = ("liquid", "family", "parameters", "swept", "imagined")
+    taken = ("liquid", "family", "parameters", "imagined")
     named = {f"model_{name}" if name in taken else name: v for name, v in parameters.items()}
     if "liquid" in parameters:
         named["imagined"] = named.pop("model_liquid")
@@ -211,8 +207,7 @@ def study_judgments(study: Path, scenes: Sequence[Scene]) -> Judgments:
     _refuse_other_engines(tables)
     engines = {path.stem: table.attrs.get(ENGINE) for path, table in tables.items()}
     changed = {name: settings for name, settings in engines.items() if settings}
-    parts = [table.assign(swept=path.stem not in ASKED) for path, table in tables.items()]
-    return replace(judgments_of(parts, scenes, own), engines=changed)
+    return replace(judgments_of(tables.values(), scenes, own), engines=changed)
 
 
 def _refuse_other_engines(tables: Mapping[Path, pd.DataFrame]) -> None:
