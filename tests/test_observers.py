@@ -5,7 +5,7 @@ from pourcast.errors import InputError
 from pourcast.models.registry import make_model
 from pourcast.observers.observers import Observers, simulate_observers
 from pourcast.statistics.observer import Population
-from pourcast.study.responses import arrange
+from pourcast.study.trials import arrange
 from tests.test_responses import scenes
 
 HEADS = {"water": "water-ife", "honey": "honey-ife-2"}

@@ -4,15 +4,9 @@ import pytest
 
 from pourcast.errors import InputError
 from pourcast.scenes.goals.cup import Cup
-from pourcast.study.responses import (
-    PERCENT,
-    arrange,
-    blanks,
-    exclude,
-    read_responses,
-    remarks,
-    scale_of,
-)
+from pourcast.study.responses import exclude, read_responses
+from pourcast.study.scale import PERCENT, scale_of
+from pourcast.study.trials import arrange, remarks, repeats, uncompared
 from tests.make import ramp_scene
 
 
@@ -170,7 +164,7 @@ def test_a_table_is_read_however_it_is_written_and_that_is_told(tmp_path, how, t
     path = tmp_path / "r.csv"
     path.write_bytes(WAYS[how](good()))
     table = read_responses(path, scenes())
-    assert table.attrs["read_as"] == told
+    assert " ".join(table.attrs["told"]) == (told and f"r.csv: read as {told}")
     found = arrange(table, scenes(), "")
     assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
 
@@ -204,7 +198,7 @@ def test_who_gave_no_answer_at_all_is_no_participant_but_is_told_of(tmp_path):
     table.loc[table["participant"] == "p1", "response"] = np.nan
     read = read_responses(written(tmp_path, table), scenes())
     assert arrange(read, scenes(), "")[0].participants == ("p0", "p2", "p3", "p4")
-    assert blanks(read) == [
+    assert uncompared(read) == [
         "3 test trials have no response: they count as missing",
         "without any response, and so no participants: p1",
     ]
@@ -254,20 +248,69 @@ def test_not_a_table_of_responses(tmp_path, text, said):
 def test_no_file_and_a_wrong_one(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_responses(tmp_path / "none.csv", scenes())
-    with pytest.raises(InputError, match=r"\.csv or \.parquet"):
+    with pytest.raises(InputError, match=r"expected a \.csv, \.tsv, \.txt or \.parquet"):
         read_responses(tmp_path / "r.xlsx", scenes())
 
 
-def test_repeated_trials_are_refused_and_both_rows_named(tmp_path):
+def test_repeated_trials_are_averaged_and_that_is_told(tmp_path):
     table = pd.concat([good(), good().iloc[[4]].assign(response=0.9)])
     read = read_responses(written(tmp_path, table), scenes())
-    with pytest.raises(
-        InputError, match=r"rows 6 and 17: participant p1 answered scene s1 \(water\) twice"
-    ):
-        arrange(read, scenes(), "r.csv")
+    first = good()["response"].iloc[4]
+    (trials,) = arrange(read, scenes(), "r.csv")
+    assert trials.responses[1, 1] == pytest.approx((first + 0.9) / 2)
+    assert trials.occasions.shape == (2, 5, 3)
+    assert trials.occasions[:, 1, 1] == pytest.approx([first, 0.9])
+    assert np.isfinite(trials.occasions[1]).sum() == 1
+    assert repeats(read) == [
+        "1 trials of 1 participants repeat a scene with its liquid: their answers are averaged "
+        "(--exclude repeats=first keeps the first)"
+    ]
     kept, what = exclude(read, ["repeats=last"])
     assert what[0].trials == 1
-    assert arrange(kept, scenes(), "")[0].responses[1, 1] == 0.9
+    assert repeats(kept) == []
+    (trials,) = arrange(kept, scenes(), "")
+    assert trials.responses[1, 1] == 0.9
+    assert trials.occasions is None
+
+
+def test_a_repeat_in_the_mirror_is_turned_back_first(tmp_path):
+    twice = [good().assign(mirrored=False), good().assign(mirrored=True)]
+    twice[1]["response"] = 1 - twice[1]["response"]
+    read = read_responses(written(tmp_path, pd.concat(twice)), scenes())
+    (trials,) = arrange(read, scenes(), "")
+    assert trials.responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
+    assert trials.occasions[0] == pytest.approx(trials.occasions[1])
+
+
+@pytest.mark.parametrize("column", ["rt", "trial"])
+def test_a_row_that_was_pasted_twice_counts_once_and_is_told(tmp_path, column):
+    numbers = 1 + 0.5 * np.arange(15)
+    table = good().drop(columns="rt").assign(**{column: numbers})
+    again = table.iloc[[4]].assign(response=0.9, **{column: 99})
+    read = read_responses(
+        written(tmp_path, pd.concat([table, table.iloc[[4, 5]], again])), scenes()
+    )
+    (trials,) = arrange(read, scenes(), "")
+    assert trials.occasions.shape == (2, 5, 3)
+    assert trials.responses[1, 1] == pytest.approx((table["response"].iloc[4] + 0.9) / 2)
+    copies, averaged = repeats(read)
+    assert copies.startswith("2 rows are copies of others, with the same trial number")
+    assert copies.endswith("(row 17 (and 1 more row: 18))")
+    assert averaged.startswith("1 trials of 1 participants")
+
+
+def test_the_same_answer_in_another_block_is_no_copy(tmp_path):
+    table = good().drop(columns="rt").assign(trial=range(15))
+    blocks = pd.concat([table.assign(block=1), table.assign(block=2)])
+    read = read_responses(written(tmp_path, blocks), scenes())
+    assert arrange(read, scenes(), "")[0].occasions.shape == (2, 5, 3)
+    assert len(repeats(read)) == 1
+
+
+def test_the_same_answer_again_is_no_copy_where_nothing_tells(tmp_path):
+    table = pd.concat([good().drop(columns="rt")] * 2)
+    read = read_responses(written(tmp_path, table), scenes())
+    assert np.isfinite(arrange(read, scenes(), "")[0].occasions).all()
 
 
 def test_gaps_constant_answers_and_empty_scenes_are_told(tmp_path):

@@ -1,7 +1,10 @@
 """Tables are read in one way: what is wrong is said in one line, by file, row and column."""
 
+import codecs
 import json
 
+import hypothesis
+import hypothesis.strategies as st
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +13,7 @@ from pourcast.comparison.choice import read_choice
 from pourcast.errors import InputError
 from pourcast.prediction import predict, summarise
 from pourcast.sweep.judgments import read_judgments, study_judgments
-from pourcast.tables import read_table, write_table
+from pourcast.tables import csv_bytes, read_table, write_table
 from tests.make import ramp_scene, random_scenes
 
 
@@ -22,11 +25,56 @@ def test_what_is_written_is_read(tmp_path, suffix):
     assert read_table(path, text=("name",)).equals(table)
 
 
-def test_verbatim_is_what_stands_there(tmp_path):
+# What a spreadsheet would change, or what breaks a row, in names of people and columns.
+AWKWARD = (
+    "1E5", "00123", "=cmd", "+3", "-2", "@x", "NA", "\u00e9", "a,b", "a;b", 'say "x"', "two\nlines",
+    "'quoted", "'=1", "''00", "1-2", "MAR1", "SEPT2", "TRUE", "12345678901234567890", "1,5", "50%",
+    "\uff1dx", "2025-05-07", " x", "a\rb", "5f0c1e9ab3d4e5f60718293a",
+)  # fmt: skip
+letters = st.characters(
+    blacklist_categories=("Cs",), blacklist_characters="\0", max_codepoint=0x2FFF
+)
+names = st.one_of(st.sampled_from(AWKWARD), st.text(letters, min_size=1, max_size=12))
+
+
+@hypothesis.settings(max_examples=60, deadline=None)
+@hypothesis.given(texts=st.lists(names, min_size=1, max_size=4))
+@hypothesis.example(texts=list(AWKWARD))
+def test_names_come_back_from_a_file_as_they_were(tmp_path_factory, texts):
+    path = tmp_path_factory.getbasetemp() / "names.csv"
+    path.write_bytes(csv_bytes(pd.DataFrame({"name": texts, "value": 0.5})))
+    assert read_table(path, text=("name",))["name"].tolist() == texts
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "1E5", "00123", "1-2", "MAR1"])
+def test_what_a_spreadsheet_would_change_has_an_apostrophe_and_nothing_else_has(tmp_path, text):
+    plain = ["p-1", "17", "marble-15", "sim-001", "exp1-004", "NA", "0.5 to 1"]
     path = tmp_path / "t.csv"
-    path.write_text("a,b\n1.50,\nNA,02\n")
-    write_table(path, read_table(path, verbatim=True))
-    assert path.read_text() == "a,b\n1.50,\nNA,02\n"
+    write_table(path, pd.DataFrame({"name": [text, *plain], "value": -1.5}))
+    assert path.read_text().splitlines()[1:] == [f"{one},-1.5" for one in (f"'{text}", *plain)]
+
+
+def test_a_header_is_guarded_against_formulas_alone(tmp_path):
+    path = tmp_path / "t.csv"
+    write_table(path, pd.DataFrame({"=x": [1], "0.5": [2], "MAR1": [3]}))
+    assert path.read_text().splitlines()[0] == "'=x,0.5,MAR1"
+    assert list(read_table(path)) == ["=x", "0.5", "MAR1"]
+
+
+@pytest.mark.parametrize(("text", "begin"), [("ana", b"name"), ("an\u00e9", codecs.BOM_UTF8)])
+def test_letters_beyond_ascii_are_marked_as_utf_8(tmp_path, text, begin):
+    write_table(tmp_path / "t.csv", pd.DataFrame({"name": [text]}))
+    assert (tmp_path / "t.csv").read_bytes().startswith(begin)
+    assert pd.read_csv(tmp_path / "t.csv")["name"].tolist() == [text]
+
+
+def test_more_cells_than_the_header_are_no_table(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("a,b\n1,2,3\n4,5,6\n")
+    with pytest.raises(InputError, match=r"not a table \(rows have more cells than the header"):
+        read_table(path)
+    path.write_text("a,b\n1,2,\n4,5,\n")  # a comma at each row's end does no harm
+    assert read_table(path)["b"].tolist() == [2, 5]
 
 
 def test_a_summary_is_over_the_scenes_in_any_order():

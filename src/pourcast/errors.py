@@ -1,7 +1,8 @@
 """Errors that the command line shows as one line, and the words that they are made of."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from types import TracebackType
 from typing import Any, Protocol
 
 
@@ -11,6 +12,73 @@ class InputError(ValueError):
     The message is one line that names the file or option, the field, and what
     was expected. The command line prints it and exits with status 2.
     """
+
+
+class ManyFaultsError(InputError):
+    """Several things that are wrong with one input.
+
+    The message has a line for each. The command line prints them and exits with status 2.
+
+    Parameters
+    ----------
+    lines
+        What is wrong, each as an `InputError` says it.
+    """
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__("\n".join(lines))
+        self.lines = tuple(lines)
+
+
+class Faults:
+    """What is wrong with one input, to be told at once.
+
+    Each check is made within it, as a context, which keeps the `InputError` that is raised there.
+
+    Examples
+    --------
+    >>> faults = Faults()
+    >>> for value in (0.5, 7, 9):
+    ...     with faults:
+    ...         if value > 1:
+    ...             raise InputError(f"expected 0..1, found {value}")
+    >>> faults.lines
+    ['expected 0..1, found 7', 'expected 0..1, found 9']
+    """
+
+    MOST = 20
+    """Lines that are told, of more the number."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def __enter__(self) -> "Faults":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> bool:
+        if not isinstance(error, InputError):
+            return False
+        self.lines += error.lines if isinstance(error, ManyFaultsError) else [str(error)]
+        return True
+
+    def refuse(self) -> None:
+        """Raise what was kept, if anything was.
+
+        Raises
+        ------
+        InputError
+            With a line for each, `MOST` at most.
+        """
+        lines = list(dict.fromkeys(self.lines))
+        if len(lines) > self.MOST:
+            lines[self.MOST :] = [f"and {len(lines) - self.MOST} more faults"]
+        if lines:
+            raise ManyFaultsError(lines) if len(lines) > 1 else InputError(lines[0])
 
 
 class StoreError(RuntimeError):

@@ -1,9 +1,17 @@
-"""Tables as files: CSV or Parquet, by the extension; read, checked and written here alone."""
+"""Tables as files: CSV or Parquet, by the extension; read, checked and written here alone.
+
+A CSV file that we write opens in a spreadsheet with its texts as they are: what a spreadsheet would
+take for a formula, or turn into another number, a date or a truth value, has an apostrophe first,
+which `read_table` takes off. With letters beyond ASCII it has a byte-order mark.
+"""
 
 import codecs
-from collections.abc import Sequence
+import re
+import warnings
+from collections.abc import Callable, Sequence
 from io import StringIO
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -12,6 +20,8 @@ from pourcast.errors import InputError
 from pourcast.files import replacing
 
 TABLE_SUFFIXES = (".csv", ".parquet")
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
+"""Tables as text, of which we write the first only."""
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 """What separates the columns of a CSV file, and in words; of as many, the first."""
@@ -23,6 +33,9 @@ _ENCODINGS = {"utf-16": "UTF-16", "cp1252": "Windows-1252"}
 MISSING = ("", "NA", "N/A", "n/a", "NaN", "nan", "null", "NULL", "None", "#N/A")
 """What programs write where there is no value; a name may be any of them."""
 _DECIMAL_COMMA, _DECIMAL_POINT = r"\s*[-+]?\d*,\d+\s*", r"\s*[-+]?\d*\.\d+\s*"
+
+_NAMED_ROWS = 5
+"""Rows with one fault that are named besides the first."""
 
 FIRST_ROW = 2
 """Row of a spreadsheet or text editor that a table's first row stands in, after the header."""
@@ -40,10 +53,10 @@ def check_table_path(path: Path) -> None:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
 
 
-def read_table(path: Path, *, text: Sequence[str] = (), verbatim: bool = False) -> pd.DataFrame:
-    """Read a table, a .csv or .parquet file.
+def read_table(path: Path, *, text: Sequence[str] = (), extra_header_rows: int = 0) -> pd.DataFrame:
+    """Read a table: a .parquet file, or a .csv, .tsv or .txt file.
 
-    A CSV file may be written as programs and spreadsheets do: in UTF-8, UTF-16 or Windows-1252,
+    These may be written as programs and spreadsheets do: in UTF-8, UTF-16 or Windows-1252,
     separated by commas, semicolons or tabs, with decimal points or commas.
 
     Parameters
@@ -53,67 +66,79 @@ def read_table(path: Path, *, text: Sequence[str] = (), verbatim: bool = False) 
     text
         Columns of a CSV file that hold text, even where it looks like a number (names such
         as ``0123`` would lose their zero) or like nothing (a participant called ``NA``).
-    verbatim
-        All columns of a CSV file hold text, empty cells are empty text, and blank lines are
-        left out: what is written back is what was read.
+    extra_header_rows
+        Rows of a CSV file that are left out below the first one, which has the columns' names.
 
     Returns
     -------
     DataFrame
         Blank lines of a CSV file are rows without values: row k stands in line
-        k + `FIRST_ROW`, unless it is read verbatim. `attrs["read_as"]` says in words how it was
-        read, if not as UTF-8 with commas and points.
+        k + `FIRST_ROW`. `attrs["read_as"]` says in words how it was
+        read, if not as UTF-8 with commas and points; `attrs["decimal"]` has "." or ",".
 
     Raises
     ------
     InputError
         One line that names the file, if it can't be read or is no table.
     """
-    if path.suffix.lower() not in TABLE_SUFFIXES:
-        raise InputError(f"{path}: expected a {' or '.join(TABLE_SUFFIXES)} file")
+    suffix = path.suffix.lower()
+    if suffix not in (*TEXT_SUFFIXES, ".parquet"):
+        raise InputError(f"{path}: expected a {', '.join(TEXT_SUFFIXES)} or .parquet file")
     try:
-        if path.suffix.lower() == ".parquet":
+        if suffix == ".parquet":
             return pd.read_parquet(path)
-        return _read_csv(path.read_bytes(), text, verbatim)
+        return _read_csv(path.read_bytes(), text, extra_header_rows)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except ValueError as error:
         raise InputError(f"{path}: not a table ({' '.join(str(error).split())})") from None
 
 
-def _read_csv(content: bytes, text: Sequence[str], verbatim: bool) -> pd.DataFrame:
+def _read_csv(content: bytes, text: Sequence[str], extra_header_rows: int) -> pd.DataFrame:
     encoding = _encoding(content)
     characters = content.decode(encoding)
     header = characters.split("\n", 1)[0]
     outside_quotes = "".join(header.split('"')[::2])
     separator = max(SEPARATORS, key=outside_quotes.count)
-    if verbatim:
-        table = pd.read_csv(
-            StringIO(characters), sep=separator, dtype=str, keep_default_na=False,
-            skip_blank_lines=True,
-        )  # fmt: skip
-    else:
-        table = _with_numbers(characters, separator, text)
+    skipped = range(1, 1 + extra_header_rows)
+    table = _with_numbers(characters, separator, text, skipped)
+    decimal = table.attrs.get("decimal", ".")
     said = [
         *([_ENCODINGS[encoding]] if encoding in _ENCODINGS else []),
         *([f"separated by {SEPARATORS[separator]}"] if separator != "," else []),
-        *(["with decimal commas"] if table.attrs.pop("decimal", ".") == "," else []),
+        *(["with decimal commas"] if decimal == "," else []),
     ]
-    table.attrs["read_as"] = ", ".join(said)
-    return table
+    unguarded = _in_texts(table, _without_guard)
+    unguarded.attrs = {"read_as": ", ".join(said), "decimal": decimal}
+    return unguarded
 
 
-def _with_numbers(characters: str, separator: str, text: Sequence[str]) -> pd.DataFrame:
+def _with_numbers(
+    characters: str, separator: str, text: Sequence[str], skipped: range
+) -> pd.DataFrame:
     """A table whose columns are numbers where all their values are."""
     names = pd.read_csv(StringIO(characters), sep=separator, nrows=0).columns
     others = [name for name in names if name not in text]
     decimal = "." if separator == "," else _decimal(characters, separator, others)
-    table = pd.read_csv(
-        StringIO(characters), sep=separator, decimal=decimal, dtype=dict.fromkeys(text, str),
-        keep_default_na=False, na_values={name: [""] for name in text}
-        | {name: list(MISSING) for name in others},
-        skip_blank_lines=False,
-    )  # fmt: skip
+
+    def read(*, index_col: Literal[False] | None) -> pd.DataFrame:
+        return pd.read_csv(
+            StringIO(characters), sep=separator, decimal=decimal, dtype=dict.fromkeys(text, str),
+            keep_default_na=False, na_values={name: [""] for name in text}
+            | {name: list(MISSING) for name in others},
+            skip_blank_lines=False, skiprows=skipped, index_col=index_col,
+        )  # fmt: skip
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            table = read(index_col=False)
+    except pd.errors.ParserWarning:
+        # Cells beyond the header. Without `index_col`, they move all others to the left.
+        if not read(index_col=None).iloc[:, -1].isna().all():
+            raise ValueError("rows have more cells than the header") from None
+        with warnings.catch_warnings(action="ignore"):
+            table = read(index_col=False)
     table.attrs["decimal"] = decimal
     return table
 
@@ -194,9 +219,25 @@ def refuse_rows(
         return
     value = table[column].iloc[bad[0]]
     found = f"{value:g}" if isinstance(value, float) else repr(value)
-    more = f" (and {len(bad) - 1} more rows)" if len(bad) > 1 else ""
-    row = bad[0] + FIRST_ROW if rows is None else rows[bad[0]]
-    raise InputError(f"{path}: row {row}, column {column}: {expected}, found {found}{more}")
+    row, *others = (k + FIRST_ROW if rows is None else rows[k] for k in bad.tolist())
+    raise InputError(
+        f"{path}: row {row}, column {column}: {expected}, found {found}{more_rows(others)}"
+    )
+
+
+def more_rows(rows: Sequence[object]) -> str:
+    """Half a sentence about further rows with the same fault.
+
+    Examples
+    --------
+    >>> more_rows([3, 7])
+    ' (and 2 more rows: 3, 7)'
+    """
+    if not rows:
+        return ""
+    named = ", ".join(map(str, rows[:_NAMED_ROWS]))
+    dots = ", ..." if len(rows) > _NAMED_ROWS else ""
+    return f" (and {len(rows)} more row{'s' if len(rows) > 1 else ''}: {named}{dots})"
 
 
 def numbers_in(
@@ -239,6 +280,109 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
     check_table_path(path)
     with replacing(path) as temporary:
         if path.suffix.lower() == ".csv":
-            table.to_csv(temporary, index=False, lineterminator="\n")
+            temporary.write_bytes(csv_bytes(table))
         else:
             table.to_parquet(temporary, index=False)
+
+
+def csv_bytes(table: pd.DataFrame, *, mark: bool = True) -> bytes:
+    """A table as the content of a CSV file that spreadsheets open with its texts intact.
+
+    Parameters
+    ----------
+    table
+        The table; its index is left out.
+    mark
+        Begin with a byte-order mark, by which spreadsheets know UTF-8, if it isn't all ASCII.
+    """
+    safe = guarded(table)
+    # A carriage return alone is quoted by no Python before 3.13.
+    returns = any("\r" in str(cell) for name in _text_columns(safe) for cell in (name, *safe[name]))
+    quoting: Literal[0, 2] = 2 if returns else 0  # csv.QUOTE_NONNUMERIC, csv.QUOTE_MINIMAL
+    text = safe.to_csv(index=False, lineterminator="\n", quoting=quoting)
+    return text.encode("utf-8-sig" if mark and not text.isascii() else "utf-8")
+
+
+def guarded(table: pd.DataFrame) -> pd.DataFrame:
+    """A table with an apostrophe before what a spreadsheet would change; in its header, formulas.
+
+    `read_table` takes it off again.
+
+    Examples
+    --------
+    >>> names = ["=A1", "00123", "1E5", "17", "p-1", "'=A1"]
+    >>> guarded(pd.DataFrame({"name": names}))["name"].to_list()
+    ["'=A1", "'00123", "'1E5", '17', 'p-1', "''=A1"]
+    """
+    return _in_texts(table, _with_guard)
+
+
+def unguarded(text: str) -> str:
+    """A text of a CSV file without the apostrophe that `guarded` set, if it did.
+
+    Examples
+    --------
+    >>> [unguarded(text) for text in ("'00123", "'quoted", "''=A1")]
+    ['00123', "'quoted", "'=A1"]
+    """
+    return _without_guard(text, _would_change)
+
+
+_FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
+"""How a formula begins, in a spreadsheet; in the wide forms of Asian keyboards, too."""
+_MONTH = (
+    "(jan(uary)?|feb(ruary)?|mar(ch)?|apr(il)?|may|june?|july?|aug(ust)?|sept?(ember)?|oct(ober)?"
+    "|nov(ember)?|dec(ember)?)"
+)
+_DATE = re.compile(
+    r"\d{1,4}\s*[-/.:]\s*\d{1,4}(\s*[-/.:]\s*\d{1,4})?(\s+\d{1,2}:.*)?"
+    rf"|(\d{{1,4}}[-/. ]*)?{_MONTH}[-/. ]*\d{{1,4}}|\d{{1,4}}[-/. ]*{_MONTH}",
+    re.IGNORECASE,
+)
+_NUMBER = re.compile(r"\s*(\d[\d.,\s]*|[.,]\d+)(e[-+]?\d+)?\s*%?\s*", re.IGNORECASE)
+_SAME_NUMBER = re.compile(r"0|[1-9]\d{0,14}")
+"""A number that a spreadsheet shows as it was written: whole, with no more digits than it keeps."""
+_TRUTH = ("true", "false")
+
+
+def _would_change(text: str) -> bool:
+    """Whether a spreadsheet would make something else of a text, apostrophes before it apart."""
+    core = text.lstrip("'")
+    if _SAME_NUMBER.fullmatch(core):
+        return False
+    return bool(
+        _is_formula(text)
+        or _NUMBER.fullmatch(core)
+        or _DATE.fullmatch(core)
+        or core.lower() in _TRUTH
+    )
+
+
+def _is_formula(text: str) -> bool:
+    return _FORMULA.match(text.lstrip("'")) is not None
+
+
+def _with_guard(text: str, changes: Callable[[str], bool]) -> str:
+    return f"'{text}" if changes(text) else text
+
+
+def _without_guard(text: str, changes: Callable[[str], bool]) -> str:
+    return text[1:] if text.startswith("'") and changes(text) else text
+
+
+def _in_texts(
+    table: pd.DataFrame, guard: Callable[[str, Callable[[str], bool]], str]
+) -> pd.DataFrame:
+    """A table with a guard set, or taken off, in all its texts and its header."""
+
+    def changed(value: Any, changes: Callable[[str], bool]) -> Any:
+        return guard(value, changes) if isinstance(value, str) else value
+
+    table = table.rename(columns=lambda name: changed(name, _is_formula))
+    for name in _text_columns(table):
+        table[name] = table[name].map(lambda value: changed(value, _would_change))
+    return table
+
+
+def _text_columns(table: pd.DataFrame) -> list[str]:
+    return list(table.select_dtypes(["object", "string"]).columns)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from pourcast.models.registry import make_model
 from pourcast.scenes.families.voronoi import VoronoiFamily
-from pourcast.study.responses import Trials
+from pourcast.study.trials import Trials
 from pourcast.sweep.judgments import judgments_of
 
 COUNTS = (15, 25, 50, 75)

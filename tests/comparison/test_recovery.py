@@ -20,7 +20,7 @@ from pourcast.scenes.scene_file import write_scenes
 from pourcast.simulation.pour import Pour
 from pourcast.simulation.run import simulate
 from pourcast.statistics.observer import Population
-from pourcast.study.responses import Trials
+from pourcast.study.trials import Trials
 from pourcast.sweep.judgments import judgments_of
 from pourcast.tables import write_table
 from tests.comparison.make import judgment_table, made_up, made_up_table, voronoi_scenes

@@ -15,7 +15,6 @@ from pourcast.experiment.data.responses import study_responses
 from pourcast.experiment.data.tables import (
     PARTICIPANT_COLUMNS,
     TRIAL_COLUMNS,
-    defused,
     trials_table,
 )
 from pourcast.experiment.design.materials import prepare_materials
@@ -23,7 +22,8 @@ from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.storage import Storage, study_storage
 from pourcast.files import write_text
 from pourcast.study.folder import study_scenes
-from pourcast.study.responses import arrange
+from pourcast.study.trials import arrange
+from pourcast.tables import guarded
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, answer, judgment, scenes_of, small_study
 
@@ -272,7 +272,7 @@ def test_what_was_written_is_told_with_what_is_in_it(collected, tmp_path, form, 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1"])
 def test_formulas_are_defused_and_numbers_left_alone(text):
     table = pd.DataFrame({"remarks": [text, "fine"], "number": [-1.0, 2.0]})
-    safe = defused(table)
+    safe = guarded(table)
     assert safe["remarks"].tolist() == [f"'{text}", "fine"]
     assert safe["number"].tolist() == [-1.0, 2.0]
 

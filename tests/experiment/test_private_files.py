@@ -17,7 +17,6 @@ from pourcast.experiment.data.tables import (
     IDENTIFIER_PREFIX,
     PARTICIPANT_COLUMNS,
     TRIAL_COLUMNS,
-    defused,
     identifier_columns,
     participants_table,
     write_csv,
@@ -28,6 +27,7 @@ from pourcast.experiment.storage.schema import SESSIONS
 from pourcast.experiment.storage.sessions import Arrival
 from pourcast.experiment.storage.storage import Storage
 from pourcast.files import keep_private, left_behind, replacing, write_text
+from pourcast.tables import guarded
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, answer, small_study
 from tests.experiment.server_process import ServerProcess, Sturdy
@@ -199,7 +199,7 @@ def test_header_cells_are_no_formulas_either(tmp_path, begin):
     write_csv(tmp_path / "t.csv", pd.DataFrame({f"{begin}cmd": [f"{begin}cmd"]}))
     read = pd.read_csv(tmp_path / "t.csv", lineterminator="\n")
     assert f"'{begin}cmd" in read.columns
-    assert defused(pd.DataFrame({"x": [begin]}))["x"].item() == f"'{begin}"
+    assert guarded(pd.DataFrame({"x": [begin]}))["x"].item() == f"'{begin}"
 
 
 def test_half_characters_and_control_characters_in_remarks_break_no_table(tmp_path, capsys):

@@ -23,6 +23,7 @@ from pourcast.experiment.data.file_search import Needle, search_folder
 from pourcast.experiment.design.links import link_key
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.storage import Storage
+from pourcast.tables import read_table
 from tests.experiment.conftest import api_of, fresh_database
 from tests.experiment.make import answer, small_study
 from tests.experiment.server_process import ServerProcess, Sturdy
@@ -351,7 +352,10 @@ def test_whoever_has_the_same_number_in_another_database_is_not_touched(collecte
     assert len(theirs[kept]) >= 15
 
 
-LAB_NAMES = ["12", "123", "Johann", "Johannes", "Ada Lovelace", "Zoë Müller", 'O"Neill', "a&b=<c>"]
+LAB_NAMES = [
+    "12", "123", "Johann", "Johannes", "Ada Lovelace", "Zoë Müller", 'O"Neill', "a&b=<c>",
+    "00123", "1E5", "=cmd", "'quoted",
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -360,7 +364,7 @@ def study_of_names(tmp_path_factory):
     with api_of(study) as api:
         lab = link_key(api.storage.secret, "lab")
         for number, name in enumerate(LAB_NAMES):
-            take_part(api, f"browser-request-{number}", {"lab": lab, "participant": name})
+            take_part(api, f"browser-request-{number:02}", {"lab": lab, "participant": name})
     call("data", study, "--identifiers")
     return study
 
@@ -371,11 +375,11 @@ def test_names_that_the_lab_gave_are_told_from_others_that_begin_so(
 ):
     study = shutil.copytree(study_of_names, tmp_path / "s")
     table = study / "data" / "participants.csv"
-    before = pd.read_csv(table, dtype=str)
+    before = read_table(table, text=("id_participant",))
     assert before["id_participant"].tolist() == LAB_NAMES
     capsys.readouterr()
     assert call("data", study, "--withdraw", who) == 0, capsys.readouterr().out
-    after = pd.read_csv(table, dtype=str)
+    after = read_table(table, text=("id_participant",))
     pd.testing.assert_frame_equal(
         after, before[before["id_participant"] != who].reset_index(drop=True)
     )

@@ -104,8 +104,106 @@ def test_how_a_table_was_read_is_told(answered, capsys):
     path = folder / "responses" / "odd.csv"
     pd.read_csv(path).to_csv(path, index=False, sep=";", decimal=",")
     found, printed = compared(folder, capsys)
-    assert "odd.csv was read as separated by semicolons, with decimal commas" in printed
+    assert "odd.csv: read as separated by semicolons, with decimal commas" in printed
     assert found["agreement"]["r_low"].notna().all()
+
+
+def test_repeated_trials_tell_how_well_people_agree_with_themselves(answered, capsys):
+    folder = answered(8)
+    path = folder / "responses" / "odd.csv"
+    table = pd.read_csv(path)
+    rng = np.random.default_rng(2)
+    again = (table["response"] + 0.05 * rng.standard_normal(len(table))).clip(0, 1)
+    pd.concat([table, table.assign(response=again)]).to_csv(path, index=False)
+    found, printed = compared(folder, capsys)
+    assert "80 trials of 8 participants repeat a scene" in printed
+    (row,) = found["retest"].to_dict("records")
+    assert (row["participants"], row["repeated"], row["over"]) == (8, 80, "participants")
+    assert 0.9 < row["retest_r_low"] < row["retest_r"] < row["retest_r_high"] < 1.0
+    assert row["noise_low"] < row["noise"] < 0.1
+    assert "Within-person reliability" in printed
+    _, printed = compared(folder, capsys, "--exclude", "repeats=first")
+    assert "Within-person" not in printed
+    assert "repeat a scene" not in printed
+
+
+def test_few_repeated_trials_have_no_reliability_and_it_is_said_why(answered, capsys):
+    folder = answered(8)
+    path = folder / "responses" / "odd.csv"
+    table = pd.read_csv(path)
+    pd.concat([table, table.iloc[[3]]]).to_csv(path, index=False)
+    _, printed = compared(folder, capsys)
+    said = " ".join(printed.split())
+    assert "water: no within-person reliability: nobody answered 3 scenes twice" in said
+    pd.concat([table, table.iloc[:20]]).to_csv(path, index=False)
+    found, printed = compared(folder, capsys)
+    assert "has no interval: it needs at least 5 participants" in " ".join(printed.split())
+    assert found["retest"]["retest_r_low"].isna().all()
+
+
+@pytest.fixture
+def means(answered):
+    """A study of which only means are known."""
+    folder = answered(8)
+    path = folder / "responses" / "odd.csv"
+    table = pd.read_csv(path).groupby("scene", as_index=False)["response"].agg(["mean", "size"])
+    table.rename(columns={"size": "n"}).to_csv(path, index=False)
+    return folder, ["--columns", "response=mean,liquid:water,means:true,answers=n"]
+
+
+def test_means_alone_are_compared_and_it_is_said_what_they_cannot_tell(means, capsys):
+    folder, mapping = means
+    found, printed = compared(folder, capsys, *mapping)
+    said = " ".join(printed.split())
+    why = "an interval over participants needs their answers, and only means are known"
+    assert (
+        f"no intervals, and no model is told from another: {why} (--over scenes has them)" in said
+    )
+    assert "no reliability of all participants: only means are known" in said
+    assert "single participants are not compared with chance: only means are known" in said
+    assert "1 participants" not in said
+    table = found["agreement"]
+    assert table["r"].notna().all()
+    assert table["r_low"].isna().all()
+    assert found["reliability"]["participants"].tolist() == [0]
+    assert found["judgments"]["answers"].tolist() == [8] * 10
+    assert found["judgments"]["sd"].isna().all()
+    found, _ = compared(folder, capsys, *mapping, "--over", "scenes")
+    assert (found["agreement"]["r_low"] < found["agreement"]["r"]).all()
+
+
+def test_a_report_on_means_alone(means, tmp_path, capsys):
+    folder, mapping = means
+    out = tmp_path / "report"
+    options = [*MODELS[:4], "--films", "0", "--studies", "0", "-o", str(out)]
+    assert cli.run(["report", str(folder), *mapping, *options]) == 0
+    page = (out / "report.html").read_text()
+    assert "water: means alone, 10 scenes" in page
+    assert "Only means were known of people&#39;s answers to 10 scenes of water" in page
+    assert "response=mean,liquid:water,means:true,answers=n" in page
+    assert "1 participants" not in page
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--exclude", "min-trials=3"], "exclude: only means are known"),
+        (["--bayes"], "--bayes needs single answers, and only means are known"),
+    ],
+)
+def test_what_means_alone_cannot_do_is_refused(means, capsys, options, said):
+    folder, mapping = means
+    assert cli.run(["compare", str(folder), "-m", "gravity", *mapping, *options]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_mean_that_stands_twice_is_refused(means, capsys):
+    folder, mapping = means
+    path = folder / "responses" / "odd.csv"
+    table = pd.read_csv(path)
+    pd.concat([table, table.iloc[[2]]]).to_csv(path, index=False)
+    assert cli.run(["compare", str(folder), "-m", "gravity", *mapping]) == 2
+    assert "row 12: a second mean of scene s02 (water)" in capsys.readouterr().err
 
 
 def test_one_person_has_intervals_over_scenes(answered, capsys):

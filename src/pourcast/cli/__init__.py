@@ -1,7 +1,7 @@
 """The command line: parse, call the library, print.
 
 Exit codes: 0 done; 1 the work failed; 2 the input or the call is wrong.
-Errors are one line on stderr.
+Errors are one line on stderr; of a table of responses all are told, a line each.
 """
 
 import os
@@ -26,6 +26,7 @@ from pourcast.cli.terminal import InterruptedWorkError
 from pourcast.errors import (
     ClusterError,
     InputError,
+    ManyFaultsError,
     ModelError,
     SimulationDivergedError,
     StoreError,
@@ -60,7 +61,7 @@ def main() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run a command, print errors as one line, and return the exit code."""
+    """Run a command, print errors as a line each, and return the exit code."""
     try:
         result = typer.main.get_command(app).main(
             arguments or ["--help"], prog_name="pourcast", standalone_mode=False
@@ -68,6 +69,8 @@ def run(arguments: list[str]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except ManyFaultsError as error:
+        return [_complain(line, 2) for line in error.lines][-1]
     except (Exception, KeyboardInterrupt) as error:
         return _complain(*_verdict(error))
     if result == INTERRUPTED:  # Typer takes Ctrl-C for an exit code.

@@ -23,6 +23,7 @@ from pourcast.cli.terminal import (
     records,
     resumable,
 )
+from pourcast.study.programs import SHORT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,11 +32,24 @@ if TYPE_CHECKING:
 
 ResponsesOption = Annotated[
     Path | None,
-    typer.Option("--responses", metavar="FILE", help="Responses (.csv, .parquet) [the study's]."),
-]
+    typer.Option(
+        "--responses", metavar="FILE",
+        help="Responses (.csv, .parquet, or a folder of them) [the study's].",
+    ),
+]  # fmt: skip
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--columns", metavar="FILE|NAME=COLUMN,...",
+        help="Which column of a table is what: a .toml file [columns.toml or NAME.toml beside "
+        "it], or such as participant=PID,response=slider.response,liquid:water.",
+    ),
+]  # fmt: skip
 ScaleOption = Annotated[
-    str,
-    typer.Option(metavar="LOW-HIGH", help="Scale of a table's responses, such as 0-100 or -1..1."),
+    str | None,
+    typer.Option(
+        metavar="LOW-HIGH", help="Scale of a table's responses, such as 0-100 or -1..1 [0-1]."
+    ),
 ]
 ExcludeOption = Annotated[
     list[str] | None,
@@ -55,10 +69,19 @@ BayesOption = Annotated[
 ]
 
 
+_TABLES = "\n\n".join(
+    [
+        "Tables of other programs, by --columns (a file says more, and keeps it):",
+        *(f"{program}: {columns}" for program, columns in SHORT.items()),
+    ]
+)
+
+
 def _options(
     responses: Path | None,
     model: list[str] | None,
-    scale: str,
+    columns: str | None,
+    scale: str | None,
     exclude: list[str] | None,
     over: Over,
     seed: int,
@@ -68,12 +91,13 @@ def _options(
     from pourcast.comparison.agreement import Settings
     from pourcast.comparison.choice import read_choice
     from pourcast.comparison.compare import ComparisonOptions
-    from pourcast.study.responses import scale_of
+    from pourcast.study.scale import scale_of
 
     return ComparisonOptions(
         responses=responses,
         models=tuple(model or ()),
-        scale=scale_of(scale),
+        columns=columns,
+        scale=None if scale is None else scale_of(scale),
         exclude=tuple(exclude or ()),
         settings=Settings(over.value, seed=seed),
         carried=None if carry_from is None else read_choice(carry_from),
@@ -81,12 +105,13 @@ def _options(
     )
 
 
-@app.command()
+@app.command(epilog=_TABLES)
 def compare(
     study: StudyArgument,
     responses: ResponsesOption = None,
     model: ModelOption = None,
-    scale: ScaleOption = "0-1",
+    columns: ColumnsOption = None,
+    scale: ScaleOption = None,
     exclude: ExcludeOption = None,
     over: OverOption = Over.BOTH,
     carry_from: CarryOption = None,
@@ -109,7 +134,7 @@ def compare(
 
     if out is not None:
         check_writable(out / "agreement.csv")
-    options = _options(responses, model, scale, exclude, over, seed, carry_from, bayes)
+    options = _options(responses, model, columns, scale, exclude, over, seed, carry_from, bayes)
     with progress_bar() as report:
         found = compare_study(study, options, report)
     tables = found.marked_tables()
@@ -134,6 +159,7 @@ def compare(
 
 _PRINTED = {
     "reliability": ("liquid", "participants", "scenes", "split_half", "spearman_brown", "ceiling"),
+    "retest": ("liquid", "participants", "repeated", "retest_r", "noise"),
     "chance": ("liquid", "mean_r", "beat_chance", "participants", "permutation_p", "ks_p"),
     "agreement": ("model", "r", "rmse", "bias"),
     "differences": ("model", "rival", "difference", "p_holm"),
@@ -213,7 +239,8 @@ def report(
     study: StudyArgument,
     responses: ResponsesOption = None,
     model: ModelOption = None,
-    scale: ScaleOption = "0-1",
+    columns: ColumnsOption = None,
+    scale: ScaleOption = None,
     exclude: ExcludeOption = None,
     over: OverOption = Over.BOTH,
     carry_from: CarryOption = None,
@@ -237,7 +264,7 @@ def report(
     from pourcast.study.folder import study_scenes
 
     folder = out or study / "report"
-    options = _options(responses, model, scale, exclude, over, seed, carry_from, bayes)
+    options = _options(responses, model, columns, scale, exclude, over, seed, carry_from, bayes)
     study_scenes(study)
     check_writable(folder / "report.html")
     with progress_bar() as bar:
@@ -265,7 +292,8 @@ def reproduce(
         int | None, typer.Option("-n", "--scenes", min=3, help="How many [as the experiment has].")
     ] = None,
     responses: ResponsesOption = None,
-    scale: ScaleOption = "0-1",
+    columns: ColumnsOption = None,
+    scale: ScaleOption = None,
     exclude: ExcludeOption = None,
     carry_from: CarryOption = None,
     with_convnet: Annotated[
@@ -286,11 +314,11 @@ def reproduce(
     """
     from pourcast.report.reproduction import Reproduction
     from pourcast.report.reproduction import reproduce as run
-    from pourcast.study.responses import scale_of
+    from pourcast.study.scale import scale_of
 
     wanted = Reproduction(
         experiment, quick, seed, scenes, responses, carry_from, tuple(exclude or ()),
-        scale_of(scale), with_convnet, convnet_scenes,
+        None if scale is None else scale_of(scale), columns, with_convnet, convnet_scenes,
     )  # fmt: skip
     with resumable(out), progress_bar() as bar:
         found, page = run(out, wanted, workers, bar)

@@ -34,7 +34,7 @@ from pourcast.statistics.reliability import (
     spearman_brown,
     split_half,
 )
-from pourcast.study.responses import Trials
+from pourcast.study.trials import Trials
 
 Array = NDArray[np.float64]
 
@@ -214,7 +214,8 @@ def unknown_intervals(trials: Trials, settings: Settings, table: pd.DataFrame) -
     table
         From `agreement_table`.
     """
-    why = unknowable(settings.over, *trials.responses.shape)
+    people, scenes = trials.participant_count, len(trials.scenes)
+    why = unknowable(settings.over, people, scenes)
     if not why:
         rows = table[(table["liquid"] == trials.liquid) & table["r"].notna()]
         lost = list(rows["model"][rows["r_low"].isna()])
@@ -224,7 +225,6 @@ def unknown_intervals(trials: Trials, settings: Settings, table: pd.DataFrame) -
             f"{trials.liquid}: no interval of r of {', '.join(lost)}: without one of the scenes, "
             "or of the participants, there is no correlation left"
         )
-    people, scenes = trials.responses.shape
     others = [over for over in get_args(Over) if not unknowable(over, people, scenes)]
     hint = f" (--over {others[0]} has them)" if others else ""
     return f"{trials.liquid}: no intervals, and no model is told from another: {why}{hint}"
@@ -240,8 +240,10 @@ def unknown_reliability(trials: Trials, table: pd.DataFrame) -> str:
     table
         From `reliability_table`.
     """
-    people, scenes = trials.responses.shape
-    if people < FEWEST_PARTICIPANTS:
+    people, scenes = trials.participant_count, len(trials.scenes)
+    if trials.means_of is not None:
+        why = "only means are known"
+    elif people < FEWEST_PARTICIPANTS:
         why = f"it needs at least {FEWEST_PARTICIPANTS} participants, not {people}"
     elif scenes < FEWEST_SCENES:
         why = f"it needs at least {FEWEST_SCENES} scenes, not {scenes}"
@@ -274,14 +276,14 @@ def reliability_table(trials: Sequence[Trials], settings: Settings) -> pd.DataFr
     Returns
     -------
     DataFrame
-        A row a liquid: `participants`, `scenes`, `split_half` (mean correlation of
-        random halves) and `spearman_brown`, `reliability` (from the variances) and
-        `ceiling` (its root: the r that a perfect model can expect), each with `_low` and
-        `_high`. NaN where there are too few participants.
+        A row a liquid: `participants` (0 where only means are known), `scenes`, `split_half`
+        (mean correlation of random halves) and `spearman_brown`, `reliability` (from the
+        variances) and `ceiling` (its root: the r that a perfect model can expect), each with
+        `_low` and `_high`. NaN where there are too few participants.
     """
     rows = []
     for one in trials:
-        people, scenes = one.responses.shape
+        people, scenes = one.participant_count, len(one.scenes)
         row: dict[str, object] = {
             "liquid": one.liquid, "participants": people, "scenes": scenes,
             "over": "scenes",
@@ -371,6 +373,9 @@ def individuals(compared: Sequence[PeopleAndModels], settings: Settings) -> Indi
     """
     tables, against, left_out = [], {}, {}
     for number, one in enumerate(compared):
+        if one.trials.means_of is not None:
+            left_out[one.trials.liquid] = "only means are known"
+            continue
         if one.truth is None:
             left_out[one.trials.liquid] = "its ground truth was not compared"
             continue
@@ -402,15 +407,15 @@ def people_table(compared: Sequence[PeopleAndModels]) -> pd.DataFrame:
     """A row a scene and liquid: people's `mean`, `sd`, `answers`, and every model's judgment."""
     tables = []
     for one in compared:
-        responses = one.trials.responses
+        responses, means_of = one.trials.responses, one.trials.means_of
         tables.append(
             pd.DataFrame(
                 {
                     "scene": [scene.id for scene in one.trials.scenes],
                     "liquid": one.trials.liquid,
-                    "answers": np.isfinite(responses).sum(axis=0),
+                    "answers": np.isfinite(responses).sum(axis=0) if means_of is None else means_of,
                     "mean": mean_judgments(responses),
-                    "sd": np.nanstd(responses, axis=0),
+                    "sd": np.nanstd(responses, axis=0) if means_of is None else np.nan,
                     **one.models,
                 }
             )

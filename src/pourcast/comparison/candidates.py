@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pourcast.errors import InputError
 from pourcast.models.registry import MODELS
 from pourcast.scenes.liquids.registry import called
-from pourcast.study.responses import Trials
+from pourcast.study.trials import Trials
 from pourcast.sweep.judgments import OWN_ALPHA, Judgments
 
 Array = NDArray[np.float64]

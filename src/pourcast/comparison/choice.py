@@ -32,7 +32,7 @@ from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.statistics.fit import flat, profile, tied
 from pourcast.statistics.halves import random_halves
 from pourcast.statistics.jackknife import Estimate, fisher_z, jackknife, r_interval
-from pourcast.study.responses import Trials
+from pourcast.study.trials import Trials
 from pourcast.sweep.judgments import OWN_ALPHA
 from pourcast.tables import numbers_in, read_table, require_columns
 

@@ -11,9 +11,11 @@ from pourcast.comparison import agreement, choice, stimulus, window
 from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.comparison.answer import answers
 from pourcast.comparison.candidates import Candidates, candidates
+from pourcast.comparison.retest import retest_table, unknown_retest
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.extras import require_extra
+from pourcast.files import finished_files
 from pourcast.models.base import averages_pours, typical_pour
 from pourcast.models.registry import complete_presets, labels_of, make_model
 from pourcast.progress import Report, no_report
@@ -24,16 +26,9 @@ from pourcast.simulation.pour import Pour
 from pourcast.statistics.jackknife import FEWEST
 from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
-from pourcast.study.responses import (
-    SHARES,
-    Exclusion,
-    Scale,
-    Trials,
-    arrange,
-    blanks,
-    exclude,
-    remarks,
-)
+from pourcast.study.responses import Exclusion, exclude
+from pourcast.study.scale import Scale
+from pourcast.study.trials import Trials, arrange, remarks, repeats, uncompared
 from pourcast.sweep.judgments import (
     Judgments,
     LiquidAndModel,
@@ -56,12 +51,14 @@ class ComparisonOptions:
     Parameters
     ----------
     responses
-        Table of responses; by default the only one in the study's folder.
+        Table of responses, or a folder of them; by default the only one in the study's folder.
     models
         Model specs, or names with ``:fitted`` at their end for those whose parameters are chosen
         on these responses; the paper's presets and all that were swept by default.
     scale
-        Of the responses in a table.
+        Of the responses in a table, if they aren't shares and its mapping doesn't say it.
+    columns
+        A mapping of a table's columns; see `study.columns.find_columns`.
     exclude
         Rules; see `responses.exclude`.
     settings
@@ -74,7 +71,8 @@ class ComparisonOptions:
 
     responses: Path | None = None
     models: tuple[str, ...] = ()
-    scale: Scale = SHARES
+    scale: Scale | None = None
+    columns: str | None = None
     exclude: tuple[str, ...] = ()
     settings: Settings = field(default_factory=Settings)
     carried: pd.DataFrame | None = None
@@ -94,7 +92,9 @@ class Comparison:
     scenes
         Its scenes.
     source
-        File of the responses, and its SHA-256.
+        File of the responses, or their folder, and its SHA-256.
+    columns
+        What mapped its columns: a file, or a text; empty if nothing did.
     simulated
         Whether any of the responses are simulated.
     settings
@@ -119,6 +119,7 @@ class Comparison:
     experiment: Experiment | None
     scenes: tuple[Scene, ...]
     source: tuple[Path, str]
+    columns: str
     simulated: bool
     settings: Settings
     compared: tuple[PeopleAndModels, ...]
@@ -147,6 +148,7 @@ TABLES = {
     "intervals": "Correlations, with intervals over participants, scenes, and both",
     "differences": "Differences in r between models, on the same people and scenes",
     "reliability": "Reliability of people's mean judgments, and the noise ceiling",
+    "retest": "Within-person reliability: first and second answers to the same scenes",
     "chance": "Single participants against chance",
     "participants": "Participants",
     "choice": "Parameters chosen on these responses (r is in sample; that of NAME:fitted is not)",
@@ -189,10 +191,15 @@ def compare_study(
     scenes = study_scenes(study)
     if options.bayes:
         require_extra("bayes")
-    table, path = study_responses(study, options.responses, scenes, scale=options.scale)
-    settings, read_as = options.settings, table.attrs.get("read_as", "")
+    table, path = study_responses(
+        study, options.responses, scenes, scale=options.scale, columns=options.columns
+    )
+    settings, told = options.settings, table.attrs.get("told", ())
+    mapping = table.attrs.get("columns", "")
     table, exclusions = exclude(table, options.exclude)
     trials = arrange(table, scenes, str(path))
+    if options.bayes and any(one.means_of is not None for one in trials):
+        raise InputError(f"{path}: --bayes needs single answers, and only means are known")
     for one in trials:
         if len(one.scenes) < agreement.FEWEST_SCENES:
             raise InputError(
@@ -254,7 +261,8 @@ def compare_study(
         study=study,
         experiment=experiment,
         scenes=tuple(scenes),
-        source=(path, hashlib.sha256(path.read_bytes()).hexdigest()),
+        source=(path, _digest(path)),
+        columns=mapping,
         simulated=bool(table["simulated"].any()),
         settings=settings,
         compared=people,
@@ -263,16 +271,25 @@ def compare_study(
         pours=tuple(_pours(scenes, wanted, own)),
         exclusions=tuple(exclusions),
         remarks=(
-            *([f"{path.name} was read as {read_as}"] if read_as else []),
+            *told,
             *_models_remarks(specs, labels, own),
             *_fitted_remarks(people),
-            *blanks(table),
+            *uncompared(table),
+            *repeats(table),
             *remarks(trials, scenes),
             *_doubts(tables, judged, people, individuals, settings),
         ),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
     )
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file; of a folder, that of its files' one after another."""
+    if not path.is_dir():
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    each = (hashlib.sha256(file.read_bytes()).digest() for file in finished_files(path))
+    return hashlib.sha256(b"".join(each)).hexdigest()
 
 
 def _only(
@@ -329,6 +346,7 @@ def _tables(
         "intervals": lambda: _stacked(agreement.intervals_table, people, settings),
         "differences": lambda: _stacked(agreement.differences_table, people, settings),
         "reliability": lambda: agreement.reliability_table(trials, settings),
+        "retest": lambda: retest_table(trials, settings),
         "chance": individuals.summary,
         "participants": lambda: individuals.table,
         "choice": lambda: choice.choice_table(sets, settings),
@@ -426,6 +444,7 @@ def _doubts(
         doubts += [
             agreement.unknown_intervals(one.trials, settings, tables["agreement"]),
             agreement.unknown_reliability(one.trials, tables["reliability"]),
+            unknown_retest(one.trials, tables["retest"]),
         ]
     doubts += [
         f"{liquid}: single participants are not compared with chance: {why}"

@@ -16,7 +16,7 @@ from pourcast.scenes.scene import Scene
 from pourcast.statistics.correlation import mean_judgments, pearson
 from pourcast.statistics.differences import Differences, compare_pairs, holm
 from pourcast.statistics.observer import Population
-from pourcast.study.responses import Trials
+from pourcast.study.trials import Trials
 
 Array = NDArray[np.float64]
 

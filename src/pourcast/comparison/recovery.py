@@ -22,7 +22,7 @@ from pourcast.statistics.observer import Population
 from pourcast.statistics.recovery import confusion, recover_parameters
 from pourcast.study.experiments.base import observer_model
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
-from pourcast.study.responses import Trials, arrange
+from pourcast.study.trials import Trials, arrange
 from pourcast.sweep.judgments import (
     OWN_ALPHA,
     Judgments,
@@ -316,5 +316,5 @@ def _participants_of(study: Path, design: Design) -> list[int]:
         seeing = sum(called(design.liquid) in group for group in experiment.groups)
         return [max(FEWEST, experiment.participants * seeing // len(experiment.groups))]
     trials = arrange(table, design.scenes, str(path))
-    counts = [len(one.participants) for one in trials if one.liquid == design.liquid]
-    return [max(FEWEST, count) for count in counts]
+    counts = [one.participant_count for one in trials if one.liquid == design.liquid]
+    return [max(FEWEST, count) for count in counts if count]

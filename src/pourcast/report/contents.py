@@ -163,6 +163,8 @@ def design_figures(comparison: Comparison, studies: int, tell: Report) -> Iterat
     common: dict[str, Any] = {"studies": studies, "population": Population(), "report": tell}
     settings = comparison.settings
     for one in comparison.compared:
+        if one.trials.participant_count == 0:
+            continue  # As many observers as there were participants can't be simulated.
         if len(one.models) > 1:
             compared = Design.of(one, comparison.candidates)
             yield _model_recovery(one, compared, settings, common)

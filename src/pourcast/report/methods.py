@@ -15,6 +15,7 @@ from pourcast.simulation.run import engine_version
 from pourcast.simulation.settings import EngineSettings
 from pourcast.statistics.jackknife import over_words
 from pourcast.study.chosen import CHOSEN_FILE
+from pourcast.study.trials import Trials
 
 ENGINE = EngineSettings()
 """What `comparison.compare` judges with: the settings as they come."""
@@ -88,11 +89,19 @@ def _choice(comparison: Comparison) -> str:
 
 def _counts(comparison: Comparison) -> str:
     counts = [
-        f"{len(one.trials.participants)} participants judged {len(one.trials.scenes)} scenes of "
-        f"{called(one.trials.liquid)}"
+        f"{_people(one.trials)} {len(one.trials.scenes)} scenes of {called(one.trials.liquid)}"
         for one in comparison.compared
     ]
-    return f"{'; '.join(counts)}."
+    repeated = any(one.trials.occasions is not None for one in comparison.compared)
+    mean = " Answers of a participant to the same scene were averaged." if repeated else ""
+    return f"{'; '.join(counts)}.{mean}"
+
+
+def _people(trials: Trials) -> str:
+    count = trials.participant_count
+    return (
+        f"{count} participants judged" if count else "Only means were known of people's answers to"
+    )
 
 
 def _exclusions(comparison: Comparison) -> str:
@@ -118,6 +127,10 @@ def provenance(comparison: Comparison) -> list[tuple[str, str]]:
         ("intervals and tests", f"over {over_words(settings.over)}"),
         (f"responses: {path.name}", f"sha256 {digest}"),
     ]
+    if mapping := comparison.columns:
+        known = mapping.endswith(".toml")
+        said = f"{Path(mapping).name}: sha256 {_sha256(Path(mapping))}" if known else mapping
+        rows += [("columns of the responses", said)]
     if comparison.pours:
         rows += [("engine settings", fields_in_words(asdict(ENGINE)))]
         rows += [(name, fields_in_words(numbers)) for name, numbers in _liquids(comparison)]

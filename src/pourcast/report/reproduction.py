@@ -9,7 +9,7 @@ from pourcast.comparison.agreement import Settings
 from pourcast.comparison.candidates import candidates
 from pourcast.comparison.choice import count_without_alphas, read_choice
 from pourcast.comparison.compare import Comparison, ComparisonOptions, compare_study
-from pourcast.errors import StoreError
+from pourcast.errors import InputError, StoreError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.models.registry import complete_presets
 from pourcast.networks.training.pair import DEFAULT_SCENES as CONVNET_SCENES
@@ -26,7 +26,9 @@ from pourcast.report.page import Options, write_report
 from pourcast.scenes.scene import Scene
 from pourcast.study.experiments.registry import EXPERIMENTS
 from pourcast.study.folder import SceneRequest, open_study
-from pourcast.study.responses import SHARES, Scale, Trials, arrange, exclude
+from pourcast.study.responses import exclude
+from pourcast.study.scale import Scale
+from pourcast.study.trials import Trials, arrange
 from pourcast.sweep.grid import Grid, experiment_grid, parse_grid, read_grid
 from pourcast.sweep.judgments import study_judgments, sweep_in_study, sweep_words
 from pourcast.sweep.table import write_judgments
@@ -70,7 +72,7 @@ class Reproduction:
         People's responses; simulated observers answer without.
     carry_from
         An Experiment 1 that was reproduced before: its parameters are carried over.
-    exclude, scale
+    exclude, scale, columns
         As for `comparison.compare.ComparisonOptions`.
     with_convnet
         Whether to train networks, and compare them, too.
@@ -85,9 +87,14 @@ class Reproduction:
     responses: Path | None = None
     carry_from: Path | None = None
     exclude: tuple[str, ...] = ()
-    scale: Scale = SHARES
+    scale: Scale | None = None
+    columns: str | None = None
     with_convnet: bool = False
     convnet_scenes: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.columns is not None and self.responses is None:
+            raise InputError("columns: goes with --responses")
 
     @property
     def networks(self) -> NetworkRequest:
@@ -138,8 +145,8 @@ def reproduce(
         responses = rehearse(folder, scenes, observers, report=report)
     request = ComparisonOptions(
         responses=responses, models=(*(experiment.models or complete_presets()), *networks),
-        scale=wanted.scale, exclude=wanted.exclude, settings=Settings(seed=wanted.seed),
-        carried=carried,
+        scale=wanted.scale, columns=wanted.columns, exclude=wanted.exclude,
+        settings=Settings(seed=wanted.seed), carried=carried,
     )  # fmt: skip
     trials = _trials(folder, wanted, responses, scenes)
     count = count_without_alphas(candidates(study_judgments(folder, scenes), trials))
@@ -163,7 +170,9 @@ def _networks(folder: Path, wanted: Reproduction, workers: int | None, report: R
 def _trials(
     folder: Path, wanted: Reproduction, responses: Path, scenes: Sequence[Scene]
 ) -> list[Trials]:
-    table, source = study_responses(folder, responses, scenes, scale=wanted.scale)
+    table, source = study_responses(
+        folder, responses, scenes, scale=wanted.scale, columns=wanted.columns
+    )
     return arrange(exclude(table, wanted.exclude)[0], scenes, str(source))
 
 

@@ -150,11 +150,20 @@ class Estimate:
 def unknowable(over: Over, participants: int, scenes: int) -> str:
     """Why there is no interval over these; empty if there is one.
 
+    Parameters
+    ----------
+    over
+        What it would hold over.
+    participants, scenes
+        How many there are; no participants where only means are known.
+
     Examples
     --------
     >>> unknowable("both", 1, 30)
     'an interval over participants needs at least 5 of them, not 1'
     """
+    if participants == 0 and over != "scenes":
+        return "an interval over participants needs their answers, and only means are known"
     counts = {"participants": participants, "scenes": scenes}
     for what, count in counts.items():
         if over in (what, "both") and count < FEWEST:

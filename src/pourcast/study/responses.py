@@ -3,91 +3,34 @@
 A table with a row a trial, CSV or Parquet. Columns: `participant`, `scene` (its id),
 `liquid`, `response` (0..1); optional: `trial`, `phase` (``test`` by default; other phases
 are not compared), `rt` [s], `mirrored` (the scene was shown in a mirror), `correct` (of
-attention checks), `simulated`. Any other column is left alone.
+attention checks), `simulated`. Any other column is left alone. `study.columns` says how tables with
+other columns are read.
 """
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unicodedata import normalize
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from pourcast.errors import InputError, unknown
+from pourcast.errors import Faults, InputError, unknown
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
+from pourcast.study.columns import Columns
 from pourcast.study.experiments.base import Experiment
-from pourcast.tables import FIRST_ROW, numbers_in, read_table, refuse_rows, require_columns
+from pourcast.study.recode import MEANS, REQUIRED, recode
+from pourcast.study.scale import PERCENT, SHARES, Scale
+from pourcast.tables import FIRST_ROW, more_rows, refuse_rows, require_columns
 
-REQUIRED = ("participant", "scene", "liquid", "response")
-
-
-@dataclass(frozen=True)
-class Scale:
-    """What the least and the most that can be answered stand as in a table."""
-
-    low: float
-    high: float
-
-    @property
-    def words(self) -> str:
-        """The range, as messages have it."""
-        return f"{self.low:g}..{self.high:g}"
-
-
-SHARES, PERCENT = Scale(0.0, 1.0), Scale(0.0, 100.0)
-
-
-def scale_of(text: str) -> Scale:
-    """A scale as a user writes it.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-
-    Examples
-    --------
-    >>> scale_of("0-100"), scale_of("-1..1")
-    (Scale(low=0.0, high=100.0), Scale(low=-1.0, high=1.0))
-    """
-    number = r"[-+]?\d+(?:\.\d+)?"
-    found = re.fullmatch(rf"\s*({number})\s*(?:-|\.\.|:)\s*({number})\s*", text)
-    if found is None or not float(found[1]) < float(found[2]):
-        raise InputError(f"scale: expected LOW-HIGH, such as 0-100 or -1..1, found {text!r}")
-    return Scale(float(found[1]), float(found[2]))
+LONGEST_MEDIAN = 300.0
+"""Longest median response time [s] that is taken for one; a longer one is in milliseconds."""
 
 
 TEST, ATTENTION = "test", "attention"
 """Phases: trials that are compared, and attention checks."""
-
-
-@dataclass(frozen=True)
-class Trials:
-    """Responses to the trials of one liquid.
-
-    Parameters
-    ----------
-    liquid
-        Name of the liquid that was shown.
-    participants
-        Who answered at least once.
-    scenes
-        Scenes that were answered at least once, in the study's order.
-    responses
-        Shape [participant_count, scene_count]; NaN where there is no answer. Shares of the
-        right basin, or of the cup, of the scene as it is in the file (not mirrored).
-    """
-
-    liquid: str
-    participants: tuple[str, ...]
-    scenes: tuple[Scene, ...]
-    responses: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -112,21 +55,73 @@ class Exclusion:
 # Reading -----------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class _Origin:
+    """Where a table is from, for error messages: its file, and what that calls our columns."""
+
+    path: Path
+    names: Mapping[str, str]
+
+    def refuse(
+        self, table: pd.DataFrame, column: str, wrong: "pd.Series[bool]", expected: str
+    ) -> None:
+        """Refuse rows of a column that are wrong, if any are."""
+        called = self.called(column)
+        cells = pd.DataFrame({called: table[column]})
+        refuse_rows(self.path, cells, called, wrong, expected, table["row"].to_list())
+
+    def called(self, column: str) -> str:
+        """What the file calls a column."""
+        return self.names.get(column, column)
+
+    def numbers(self, table: pd.DataFrame, column: str) -> "pd.Series[float]":
+        """A column of numbers; NaN where there is none."""
+        numbers = pd.to_numeric(table[column], errors="coerce")
+        wrong = numbers.isna() & table[column].notna()
+        self.refuse(table, column, wrong, "expected a number")
+        return numbers.astype(float)
+
+
 def read_responses(
     path: Path,
     scenes: Sequence[Scene],
     *,
-    scale: Scale = SHARES,
+    columns: Columns | None = None,
+    scale: Scale | None = None,
     own: Sequence[Liquid] = (),
     experiment: Experiment | None = None,
 ) -> pd.DataFrame:
-    """Read a table of responses, a .csv or .parquet file, and check every row.
+    """Read a table of responses, or a folder of them, and check every row.
 
-    See `check_responses`; `attrs["read_as"]` is that of `tables.read_table`.
+    Parameters
+    ----------
+    path
+        A .csv or .parquet file, or a folder of them.
+    columns
+        Which column is what, if they are not called as here.
+    scenes, scale, own, experiment
+        As for `check_responses`; a scale that the mapping names need not be given.
+
+    Returns
+    -------
+    DataFrame
+        As from `check_responses`; `attrs["told"]` is a tuple of what a reader should know of how it
+        was read.
+
+    Raises
+    ------
+    InputError
+        Names all that is wrong, a line each.
     """
-    table = read_table(path, text=("participant", "scene", "liquid", "phase"))
-    checked = check_responses(table, path, scenes, scale=scale, own=own, experiment=experiment)
-    checked.attrs["read_as"] = table.attrs.get("read_as", "")
+    columns = columns or Columns()
+    recoded = recode(path, columns, [scene.id for scene in scenes])
+    used = columns.scale_or(scale) or SHARES
+    checked = check_responses(
+        recoded.table, path, scenes, scale=used, own=own, experiment=experiment,
+        rows=recoded.rows, names=recoded.names,
+    )  # fmt: skip
+    said = [] if used == SHARES else [f"{path.name}: responses are on the scale {used.words}"]
+    checked.attrs["told"] = (*recoded.remarks, *said)
     return checked
 
 
@@ -138,6 +133,8 @@ def check_responses(
     scale: Scale = SHARES,
     own: Sequence[Liquid] = (),
     experiment: Experiment | None = None,
+    rows: Sequence[int | str] | None = None,
+    names: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """Check every row of a table of responses.
 
@@ -155,6 +152,10 @@ def check_responses(
         What the least and the most that can be answered stand as; 0 and 1 by default.
     experiment
         The study's experiment: liquids that it shows others in place of are refused.
+    rows
+        Where each row stands in the file; one after another, by default.
+    names
+        What the file calls our columns, where it calls them otherwise.
 
     Returns
     -------
@@ -165,25 +166,29 @@ def check_responses(
     Raises
     ------
     InputError
-        One line that names the row, the column and what was expected.
+        A line for each column and what was expected of it, which names the rows.
     """
     require_columns(path, table, REQUIRED)
-    blank = table.isna().all(axis=1)
-    table = table.assign(row=np.arange(len(table)) + FIRST_ROW)[~blank]
+    table = table.assign(row=range(FIRST_ROW, FIRST_ROW + len(table)) if rows is None else rows)
     if table.empty:
         raise InputError(f"{path}: no rows, expected one a trial")
+    origin, faults = _Origin(path, names or {}), Faults()
     for name in ("participant", "scene", "liquid"):
-        _refuse(path, table, name, table[name].isna(), "expected a name")
-        table[name] = table[name].map(_text)
+        with faults:
+            origin.refuse(table, name, table[name].isna(), "expected a name")
+        table[name] = table[name].map(_text, na_action="ignore")
     default = pd.Series(TEST, index=table.index, dtype=object)
     table["phase"] = table["phase"].fillna(TEST).map(_phase) if "phase" in table else default
-    table["simulated"] = _flags(path, table, "simulated")
-    table["mirrored"] = _flags(path, table, "mirrored")
+    for name in ("simulated", "mirrored"):
+        table[name] = _flags(origin, table, name, faults)
     judged = table["phase"] == TEST
-    table["response"] = _shares(path, table, judged, scale)
+    table["response"] = _shares(origin, table, judged, scale, faults)
     if "rt" in table:
-        table["rt"] = _numbers(path, table, "rt")
-    return _with_known_scenes(path, table, scenes, own, experiment)
+        with faults:
+            table["rt"] = _seconds(origin, table)
+    table["liquid"] = _known_liquids(origin, table, scenes, own, experiment, faults)
+    faults.refuse()
+    return table
 
 
 def _text(value: Any) -> str:
@@ -196,82 +201,95 @@ def _phase(value: Any) -> str:
     return str(value).strip().lower()
 
 
-def _refuse(
-    path: Path, table: pd.DataFrame, column: str, wrong: "pd.Series[bool]", expected: str
-) -> None:
-    refuse_rows(path, table, column, wrong, expected, table["row"].to_list())
-
-
-def _numbers(
-    path: Path, table: pd.DataFrame, column: str, needed: "pd.Series[bool] | None" = None
-) -> "pd.Series[float]":
-    return numbers_in(path, table, column, needed, table["row"].to_list())
-
-
-def _flags(path: Path, table: pd.DataFrame, column: str) -> "pd.Series[bool]":
+def _flags(origin: _Origin, table: pd.DataFrame, column: str, faults: Faults) -> "pd.Series[bool]":
     """A column of yes and no; no where there is none."""
     if column not in table:
         return pd.Series(data=False, index=table.index)
     words = table[column].map(lambda value: str(value).strip().lower())
     known = {"true": True, "1": True, "1.0": True, "yes": True}
     known |= {"false": False, "0": False, "0.0": False, "no": False, "nan": False, "": False}
-    _refuse(path, table, column, ~words.isin(known), "expected true or false")
-    return words.map(known).astype(bool)
+    with faults:
+        origin.refuse(table, column, ~words.isin(known), "expected true or false")
+    return words.map(known).eq(other=True)
 
 
 def _shares(
-    path: Path, table: pd.DataFrame, judged: "pd.Series[bool]", scale: Scale
+    origin: _Origin, table: pd.DataFrame, judged: "pd.Series[bool]", scale: Scale, faults: Faults
 ) -> "pd.Series[float]":
     """Responses as shares; NaN where none was given (a trial that timed out)."""
     written = table["response"].map(lambda value: str(value).strip(), na_action="ignore")
     signs = written.map(lambda value: str(value).endswith("%")).astype(bool)
     plain = judged & written.notna() & ~signs
     if signs.any():
-        _refuse(path, table, "response", plain, "expected a percent sign, as in other rows")
+        with faults:
+            origin.refuse(table, "response", plain, "expected a percent sign, as in other rows")
         table, scale = table.assign(response=written.str.rstrip("% ")), PERCENT
-    values = _numbers(path, table, "response")
-    shown = table.assign(response=values)
+    with faults:
+        origin.numbers(table, "response")
+    values = pd.to_numeric(table["response"], errors="coerce").astype(float)
     outside = (values < scale.low) | (values > scale.high)
     hint = "" if scale != SHARES else " (on another scale? say which, such as --scale 0-100)"
-    _refuse(path, shown, "response", outside, f"expected {scale.words}{hint}")
+    with faults:
+        shown = table.assign(response=values)
+        origin.refuse(shown, "response", outside, f"expected {scale.words}{hint}")
     if scale.high > 1.0 and not signs.any() and values[judged].max() <= 1.0:
-        raise InputError(
-            f"{path}: column response: expected {scale.words}, found nothing above "
-            f"{values[judged].max():g}: are these 0..1 already?"
-        )
+        with faults:
+            raise InputError(
+                f"{origin.path}: column {origin.called('response')}: expected "
+                f"{scale.words}, found nothing above {values[judged].max():g}: are these 0..1 "
+                "already?"
+            )
     return (values - scale.low) / (scale.high - scale.low)
 
 
-def _with_known_scenes(
-    path: Path,
+def _seconds(origin: _Origin, table: pd.DataFrame) -> "pd.Series[float]":
+    """Response times; none that can't be seconds."""
+    times = origin.numbers(table, "rt")
+    if (median := float(times.median())) > LONGEST_MEDIAN:
+        raise InputError(
+            f"{origin.path}: column {origin.called('rt')}: expected seconds, found a "
+            f"median of {median:g}: are these milliseconds (--columns rt_unit:ms)?"
+        )
+    return times
+
+
+def _known_liquids(
+    origin: _Origin,
     table: pd.DataFrame,
     scenes: Sequence[Scene],
     own: Sequence[Liquid],
     experiment: Experiment | None,
-) -> pd.DataFrame:
+    faults: Faults,
+) -> list[Any]:
+    """Liquids as the judgments' tables name them; scenes and liquids that aren't known are kept."""
     known = {scene.id: scene for scene in scenes}
     # Practice trials may show scenes that are none of the study's.
-    judged = table["phase"] == TEST
-    strange = judged & ~table["scene"].isin(known)
+    named = (table["phase"] == TEST) & table["scene"].notna() & table["liquid"].notna()
+    strange = (table["phase"] == TEST) & table["scene"].notna() & ~table["scene"].isin(known)
     first = table["scene"][strange].iloc[0] if strange.any() else ""
     hint = unknown(first, list(known)[:5]) if first else ""
-    _refuse(path, table, "scene", strange, f"expected a scene of the study ({hint} ...)")
+    with faults:
+        origin.refuse(table, "scene", strange, f"expected a scene of the study ({hint} ...)")
+    kinds = table["scene"].map(lambda scene: known[scene].goal.kind if scene in known else "")
     names: dict[tuple[str, str], str] = {}
-    for row, liquid, scene in zip(
-        table["row"][judged], table["liquid"][judged], table["scene"][judged], strict=True
-    ):
-        kind = known[scene].goal.kind
-        if (liquid, kind) not in names:
-            try:
-                _refuse_namesake(liquid, experiment)
-                names[liquid, kind] = resolve_liquid(liquid, known[scene], own).name
-            except InputError as error:
-                raise InputError(f"{path}: row {row}, column {error}") from None
-    resolved = [
-        names.get((liquid, known[scene].goal.kind), liquid) if scene in known else liquid
-        for liquid, scene in zip(table["liquid"], table["scene"], strict=True)
+    for at, rows in table[named & ~strange].groupby([table["liquid"], kinds], sort=False):
+        liquid, kind = map(str, at)
+        try:
+            _refuse_namesake(liquid, experiment)
+            scene = known[rows["scene"].iloc[0]]
+            names[liquid, kind] = resolve_liquid(liquid, scene, own).name
+        except InputError as error:
+            expected = str(error).removeprefix("liquid: ")
+            with faults:
+                raise InputError(
+                    f"{origin.path}: row {rows['row'].iloc[0]}, column "
+                    f"{origin.called('liquid')}: {expected}"
+                    f"{more_rows(rows['row'].to_list()[1:])}"
+                ) from None
+    return [
+        names.get((liquid, kind), liquid)
+        for liquid, kind in zip(table["liquid"], kinds, strict=True)
     ]
-    return table.assign(liquid=resolved)
 
 
 def _refuse_namesake(liquid: str, experiment: Experiment | None) -> None:
@@ -346,6 +364,8 @@ def exclude(table: pd.DataFrame, rules: Sequence[str]) -> tuple[pd.DataFrame, li
     InputError
         If a rule is wrong, or nothing is left.
     """
+    if rules and (table["participant"] == MEANS).all():
+        raise InputError("exclude: only means are known, and no participants or trials of theirs")
     exclusions = []
     for rule in rules:
         name, equals, value = (part.strip() for part in rule.partition("="))
@@ -390,110 +410,3 @@ def _matched(table: pd.DataFrame, name: str, value: str) -> "pd.Series[bool]":
         raise InputError("needs the column 'rt', and there is none")
     slow = table["rt"] < number if name == "min-rt" else table["rt"] > number
     return slow & (table["phase"] == TEST)
-
-
-# Arranging ---------------------------------------------------------------------------
-
-
-def arrange(table: pd.DataFrame, scenes: Sequence[Scene], source: str) -> list[Trials]:
-    """Responses as an array for each liquid.
-
-    Parameters
-    ----------
-    table
-        From `read_responses` or `exclude`.
-    scenes
-        The study's scenes.
-    source
-        Name of the file, for error messages.
-
-    Raises
-    ------
-    InputError
-        If a participant answered a trial twice.
-    """
-    test = table[(table["phase"] == TEST) & table["response"].notna()]
-    if test.empty:
-        raise InputError(f"{source}: no response to any test trial")
-    keys = ["participant", "scene", "liquid"]
-    again = test[test.duplicated(keys, keep="first")]
-    if len(again):
-        second = again.iloc[0]
-        same = (test[keys] == second[keys]).all(axis=1)
-        raise InputError(
-            f"{source}: rows {test['row'][same].iloc[0]} and {second['row']}: participant "
-            f"{second['participant']} answered scene {second['scene']} ({second['liquid']}) twice; "
-            f"keep one of them with --exclude repeats=first ({len(again)} repeated trials)"
-        )
-    known = {scene.id: scene for scene in scenes}
-    trials = zip(test["mirrored"], test["scene"], test["response"], strict=True)
-    test = test.assign(
-        response=[
-            known[scene].goal.mirrored_judgment(response) if mirrored else response
-            for mirrored, scene, response in trials
-        ]
-    )
-    found = []
-    for liquid in sorted(set(test["liquid"]), key=lambda name: (name != "water", name)):
-        wide = test[test["liquid"] == liquid].pivot(
-            index="participant", columns="scene", values="response"
-        )
-        answered = [scene for scene in scenes if scene.id in wide.columns]
-        wide = wide[[scene.id for scene in answered]]
-        found.append(
-            Trials(liquid, tuple(map(str, wide.index)), tuple(answered), wide.to_numpy(float))
-        )
-    return found
-
-
-def remarks(trials: Sequence[Trials], scenes: Sequence[Scene]) -> list[str]:
-    """What a reader should know of the data: gaps, constant answers, scenes without answers."""
-    found = []
-    for one in trials:
-        absent = [scene.id for scene in scenes if scene not in one.scenes]
-        if absent:
-            found.append(f"{one.liquid}: nobody answered {len(absent)} scenes: {_listed(absent)}")
-        gaps = np.isnan(one.responses).sum(axis=1)
-        short = [
-            f"{name} ({count})"
-            for name, count in zip(one.participants, gaps, strict=True)
-            if count > 0
-        ]
-        if short:
-            found.append(
-                f"{one.liquid}: {len(short)} participants left out scenes (number): "
-                f"{_listed(short)}; means are over those who answered"
-            )
-        spread = np.nanmax(one.responses, axis=1) - np.nanmin(one.responses, axis=1)
-        constant = [one.participants[k] for k in np.flatnonzero(spread < 1e-9)]
-        if constant:
-            found.append(
-                f"{one.liquid}: always the same answer: {_listed(constant)}; they have no "
-                "correlation of their own (--exclude min-sd=... takes them out)"
-            )
-    return found
-
-
-def blanks(table: pd.DataFrame) -> list[str]:
-    """What a reader should know of test trials without a response, such as timed-out ones.
-
-    Parameters
-    ----------
-    table
-        From `read_responses`.
-    """
-    test = table[table["phase"] == TEST]
-    blank = test["response"].isna()
-    if not blank.any():
-        return []
-    silent = blank.groupby(test["participant"]).all()
-    found = [f"{int(blank.sum())} test trials have no response: they count as missing"]
-    if silent.any():
-        names = [str(name) for name in silent.index[silent]]
-        found.append(f"without any response, and so no participants: {_listed(names)}")
-    return found
-
-
-def _listed(names: Sequence[str], most: int = 8) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more

@@ -80,7 +80,7 @@ def write_psych_ds(
     written = []
     for what, table in (("trials", trials), ("participants", participants)):
         path = folder / "data" / f"study-{name}_description-{what}_data.csv"
-        write_csv(path, table, private=private)
+        write_csv(path, table, private=private, mark=False)  # Psych-DS: plain UTF-8
         written.append(path)
     for material in ("scenes.json", "practice.json", CHOSEN_FILE, "experiment.toml"):
         if (study / material).is_file():

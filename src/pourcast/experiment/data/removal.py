@@ -9,6 +9,7 @@ import io
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from pourcast.experiment.data.tables import IDENTIFIER_PREFIX
 from pourcast.experiment.design.links import PERSONAL
 from pourcast.experiment.storage.sessions import token_digest
 from pourcast.files import replacing
+from pourcast.tables import unguarded
 
 _TEXT_TABLES = {".csv": ",;\t", ".tsv": "\t", ".txt": "\t"}
 """Extensions of tables, and what may part their columns."""
@@ -73,11 +75,15 @@ def _replace(path: Path, content: bytes) -> None:
 
 def _is_theirs(row: Mapping[str, Any], person: Person) -> bool:
     """Whether a row of a table of ours is this person's."""
-    cells = {name: str(value).removeprefix("'") for name, value in row.items()}
+
+    def is_one(column: str, names: AbstractSet[str]) -> bool:
+        cell = str(row.get(column))
+        return cell in names or unguarded(cell) in names
+
     return (
-        cells["participant"] in person.participants | person.distinctive
-        or cells.get("code") in person.completion_codes
-        or any(cells.get(name) in person.given for name in _ID_COLUMNS)
+        is_one("participant", person.participants | person.distinctive)
+        or is_one("code", person.completion_codes)
+        or any(is_one(column, person.given) for column in _ID_COLUMNS)
     )
 
 
@@ -118,7 +124,7 @@ def _csv_rows(text: str, delimiter: str) -> Iterator[tuple[list[str], str]]:
 
 def _decoded(content: bytes) -> tuple[str, str]:
     """A file's text, and an encoding that makes the very same bytes of it."""
-    by_mark = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
+    by_mark = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be", b"\xef\xbb": "utf-8-sig"}
     for encoding in (by_mark.get(content[:2], "utf-8"), "latin-1"):
         try:
             return content.decode(encoding), encoding

@@ -7,10 +7,12 @@ import pandas as pd
 
 from pourcast.errors import InputError
 from pourcast.extras import require_extra
-from pourcast.files import finished_files
 from pourcast.scenes.scene import Scene
+from pourcast.study.columns import find_columns
 from pourcast.study.folder import DATABASE, study_experiment, study_liquids
-from pourcast.study.responses import SHARES, TEST, Scale, check_responses, read_responses
+from pourcast.study.recode import table_files
+from pourcast.study.responses import TEST, check_responses, read_responses
+from pourcast.study.scale import Scale
 
 JOURNAL = "responses.jsonl"
 """The second copy of what the database has (`storage.journal`)."""
@@ -20,7 +22,12 @@ RESPONSES = "responses"
 
 
 def study_responses(
-    study: Path, path: Path | None, scenes: Sequence[Scene], *, scale: Scale = SHARES
+    study: Path,
+    path: Path | None,
+    scenes: Sequence[Scene],
+    *,
+    scale: Scale | None = None,
+    columns: str | None = None,
 ) -> tuple[pd.DataFrame, Path]:
     """The responses to a study, checked, and where they come from.
 
@@ -29,11 +36,19 @@ def study_responses(
     study
         The study folder.
     path
-        A table, or the database of the study's experiment; None for the study's only one.
+        A table, a folder of tables, or the database of the study's experiment; None for the study's
+        only one.
     scenes
         The study's scenes.
     scale
-        Of a table's responses.
+        Of a table's responses, if they aren't shares.
+    columns
+        A mapping of a table's columns; see `study.columns.find_columns`.
+
+    Returns
+    -------
+    DataFrame, Path
+        As from `read_responses`; `attrs["columns"]` says what mapped its columns, if anything did.
 
     Raises
     ------
@@ -43,9 +58,17 @@ def study_responses(
     source, own = path or find_responses(study), study_liquids(study)
     experiment = study_experiment(study, list(scenes))
     if source.suffix == ".sqlite":
+        if columns is not None:
+            raise InputError(f"columns: {source} is a database of ours, whose columns are known")
         table = _collected(source)
         return check_responses(table, source, scenes, own=own, experiment=experiment), source
-    table = read_responses(source, scenes, scale=scale, own=own, experiment=experiment)
+    mapping, said = find_columns(columns, source)
+    table = read_responses(
+        source, scenes, columns=mapping, scale=scale, own=own, experiment=experiment
+    )
+    told = table.attrs["told"]
+    table.attrs["columns"] = said
+    table.attrs["told"] = (*([f"columns are mapped by {said}"] if said else []), *told)
     return table, source
 
 
@@ -57,9 +80,8 @@ def find_responses(study: Path) -> Path:
     InputError
         If there are none, or more than one.
     """
-    sources = sorted(
-        path for path in finished_files(study / RESPONSES) if path.suffix in (".csv", ".parquet")
-    )
+    folder = study / RESPONSES
+    sources = table_files(folder) if folder.is_dir() else []
     if (study / DATABASE).is_file() and (not sources or len(_collected(study / DATABASE))):
         sources.insert(0, study / DATABASE)
     if not sources and (study / JOURNAL).is_file() and not (study / DATABASE).is_file():
@@ -73,7 +95,8 @@ def find_responses(study: Path) -> Path:
     if len(sources) > 1:
         names = ", ".join(str(path.relative_to(study)) for path in sources)
         raise InputError(
-            f"{study}: more than one source of responses ({names}); name one with --responses"
+            f"{study}: more than one source of responses ({names}); name one with --responses, "
+            f"or {study / RESPONSES}, if they are one table a person"
         )
     return sources[0]
 

@@ -14,6 +14,7 @@ from pourcast.experiment.storage.records import Record
 from pourcast.experiment.storage.sessions import DECLINED, Session
 from pourcast.experiment.storage.storage import Storage
 from pourcast.files import replacing
+from pourcast.tables import csv_bytes
 
 TRIAL_COLUMNS = {
     "participant": "Code of the participant, the same in all tables",
@@ -87,8 +88,6 @@ IDENTIFIER_PREFIX = "id_"
 
 _LONGEST_NAME = 60
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff]")
-_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
-"""What a spreadsheet takes for the begin of a formula; the wide forms of Asian keyboards, too."""
 
 
 def trials_table(
@@ -241,22 +240,17 @@ def printable(value: Any) -> Any:
     return _UNPRINTABLE.sub("\ufffd", value) if isinstance(value, str) else value
 
 
-def defused(table: pd.DataFrame) -> pd.DataFrame:
-    """A table whose texts no spreadsheet takes for formulas: they get an apostrophe first.
+def write_csv(path: Path, table: pd.DataFrame, *, private: bool = False, mark: bool = True) -> None:
+    """Write a table of people's data as CSV; see `pourcast.tables.csv_bytes`.
 
-    Its header's, too.
+    Parameters
+    ----------
+    path, table
+        The file, and what is to be in it.
+    private
+        For its owner alone.
+    mark
+        Begin with a byte-order mark, if there are letters beyond ASCII.
     """
-
-    def safe(value: Any) -> Any:
-        dangerous = isinstance(value, str) and value.startswith(_FORMULA)
-        return f"'{value}" if dangerous else value
-
-    texts = table.select_dtypes(["object", "string"]).columns
-    safe_table = table.assign(**{name: table[name].map(safe) for name in texts})
-    return safe_table.rename(columns=safe)
-
-
-def write_csv(path: Path, table: pd.DataFrame, *, private: bool = False) -> None:
-    """Write a table of people's data as CSV, formulas defused; `private`: for its owner alone."""
     with replacing(path, private=private) as temporary:
-        defused(table).to_csv(temporary, index=False, lineterminator="\n")
+        temporary.write_bytes(csv_bytes(table, mark=mark))

@@ -1,7 +1,6 @@
 """The admin page: how the experiment goes, and its data; for whoever has the token."""
 
 import hmac
-import io
 import time
 from importlib.resources import files
 from typing import Any
@@ -17,8 +16,9 @@ from starlette.routing import Route
 
 from pourcast.errors import StoreError
 from pourcast.experiment.data.overview import overview
-from pourcast.experiment.data.tables import defused, participants_table, trials_table
+from pourcast.experiment.data.tables import participants_table, trials_table
 from pourcast.experiment.server.live_experiment import LiveExperiment
+from pourcast.tables import csv_bytes
 
 _BINS = 10
 _HEIGHT = 40.0
@@ -133,7 +133,5 @@ def _histogram(scene: str, liquid: str, answers: list[float]) -> dict[str, Any]:
 
 
 def _csv(table: pd.DataFrame, name: str) -> Response:
-    text = io.StringIO()
-    defused(table).to_csv(text, index=False, lineterminator="\n")
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(text.getvalue(), media_type="text/csv", headers=headers)
+    return Response(csv_bytes(table), media_type="text/csv", headers=headers)
