@@ -160,6 +160,32 @@ def test_power_is_that_of_all_pairs_together():
     assert among["power"].sum() < power["power"].sum() - 0.3
 
 
+def power_between(true, rival, people, studies=40, scenes=None):
+    count = len(true)
+    design = Design("water", tuple(voronoi_scenes(count)), {"true": true, "rival": rival}, {})
+    table = power_table(
+        design, "true", "rival", observers=[people], scenes=[scenes or count], studies=studies,
+        population=Population(), settings=Settings(),
+    )  # fmt: skip
+    return table.iloc[0]
+
+
+def test_power_grows_with_participants_and_with_what_differs():
+    rng = np.random.default_rng(0)
+    true = rng.random(30)
+    near = np.clip(true + 0.12 * rng.standard_normal(30), 0, 1)
+    assert power_between(true, near, 60)["power"] > power_between(true, near, 6)["power"] + 0.2
+    far = power_between(true, rng.random(30), 20)
+    assert (far["power"], far["wrong"]) == (1.0, 0.0)
+    same = power_between(true, np.clip(true + 1e-3 * rng.standard_normal(30), 0, 1), 20)
+    assert same["power"] < 0.2
+
+
+def test_a_model_that_says_the_same_of_all_scenes_is_told_from_none():
+    rng = np.random.default_rng(0)
+    assert power_between(rng.random(6), np.full(6, 0.5), 6, studies=3)["power"] == 0.0
+
+
 def swept_design(count=24):
     """A family whose members differ, and a preset that is one of them."""
     scenes, judged = made_up(count)

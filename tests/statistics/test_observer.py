@@ -3,11 +3,7 @@ import pytest
 
 from pourcast.errors import InputError
 from pourcast.statistics.observer import Population, spread_over_grid
-from pourcast.statistics.recovery import (
-    confusion,
-    power_of,
-    recover_parameters,
-)
+from pourcast.statistics.recovery import confusion, recover_parameters
 
 QUIET = Population(
     bias=0, bias_sd=0, slope=1, slope_sd=0, precision=9, precision_log_sd=0, lapse=0, granularity=0
@@ -71,53 +67,3 @@ def test_planted_parameters_are_recovered():
     )
     assert (np.abs(recovered[0] - 5) <= 1).sum() >= 90
     assert confusion(recovered, 17).sum() == 100
-
-
-def test_models_that_differ_are_told_apart_and_equal_ones_are_not():
-    rng = np.random.default_rng(0)
-    models = rng.random((3, 40))
-    recovered = recover_parameters(
-        models, range(3), observers=20, studies=20, population=Population(), rng=rng
-    )
-    assert (recovered == np.arange(3)[:, None]).all()
-    common = {
-        "observers": 20,
-        "scenes": 40,
-        "studies": 40,
-        "population": Population(),
-        "rng": rng,
-    }
-    far = power_of(models[0], models[1], **common)
-    assert far.power == 1.0
-    assert far.wrong == 0.0
-    same = power_of(models[0], np.clip(models[0] + 1e-3 * rng.standard_normal(40), 0, 1), **common)
-    assert same.power < 0.2
-    assert same.low <= same.power <= same.high
-
-
-def test_power_grows_with_participants():
-    rng = np.random.default_rng(0)
-    true = rng.random(30)
-    rival = np.clip(true + 0.12 * rng.standard_normal(30), 0, 1)
-    powers = [
-        power_of(
-            true,
-            rival,
-            observers=n,
-            scenes=30,
-            studies=60,
-            population=Population(),
-            rng=rng,
-        ).power
-        for n in (3, 60)
-    ]
-    assert powers[1] > powers[0] + 0.2
-
-
-def test_a_model_that_says_the_same_of_all_scenes_is_told_from_none():
-    found = power_of(
-        np.array([0.2, 0.5, 0.8]), np.full(3, 0.5), observers=4, scenes=3, studies=3,
-        population=Population(), rng=np.random.default_rng(0), over="both",
-        level=0.95,
-    )  # fmt: skip
-    assert found.power == 0.0

@@ -77,17 +77,18 @@ _TABLES = "\n\n".join(
 )
 
 
-def _options(
+def options_of(
     responses: Path | None,
     model: list[str] | None,
     columns: str | None,
     scale: str | None,
     exclude: list[str] | None,
-    over: Over,
-    seed: int,
-    carry_from: Path | None,
-    bayes: bool,
+    over: Over = Over.BOTH,
+    seed: int = 0,
+    carry_from: Path | None = None,
+    bayes: bool = False,
 ) -> "ComparisonOptions":
+    """What is to be compared, from what the user said."""
     from pourcast.comparison.agreement import Settings
     from pourcast.comparison.choice import read_choice
     from pourcast.comparison.compare import ComparisonOptions
@@ -134,7 +135,7 @@ def compare(
 
     if out is not None:
         check_writable(out / "agreement.csv")
-    options = _options(responses, model, columns, scale, exclude, over, seed, carry_from, bayes)
+    options = options_of(responses, model, columns, scale, exclude, over, seed, carry_from, bayes)
     with progress_bar() as report:
         found = compare_study(study, options, report)
     tables = found.marked_tables()
@@ -264,7 +265,7 @@ def report(
     from pourcast.study.folder import study_scenes
 
     folder = out or study / "report"
-    options = _options(responses, model, columns, scale, exclude, over, seed, carry_from, bayes)
+    options = options_of(responses, model, columns, scale, exclude, over, seed, carry_from, bayes)
     study_scenes(study)
     check_writable(folder / "report.html")
     with progress_bar() as bar:

@@ -165,6 +165,56 @@ TABLES = {
 """Tables of a comparison, and what they say; those that the data can't fill are left out."""
 
 
+@dataclass(frozen=True)
+class StudyTrials:
+    """Responses to a study, without what was excluded.
+
+    Parameters
+    ----------
+    trials
+        One for each liquid.
+    path
+        Where they come from.
+    columns
+        The mapping of the table's columns, if there is one.
+    simulated
+        Whether any is simulated.
+    exclusions
+        What was taken out.
+    told, remarks
+        How the table was read; what else a reader should know of it.
+    """
+
+    trials: tuple[Trials, ...]
+    path: Path
+    columns: str
+    simulated: bool
+    exclusions: tuple[Exclusion, ...]
+    told: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def study_trials(study: Path, options: ComparisonOptions) -> StudyTrials:
+    """Responses to a study, as they are asked for.
+
+    Raises
+    ------
+    InputError
+        If there are none, or something is wrong with them; names file, row and column.
+    """
+    scenes = study_scenes(study)
+    table, path = study_responses(
+        study, options.responses, scenes, scale=options.scale, columns=options.columns
+    )
+    told, mapping = table.attrs.get("told", ()), table.attrs.get("columns", "")
+    table, exclusions = exclude(table, options.exclude)
+    trials = arrange(table, scenes, str(path))
+    return StudyTrials(
+        tuple(trials), path, mapping, bool(table["simulated"].any()), tuple(exclusions),
+        tuple(told), (*uncompared(table), *repeats(table), *remarks(trials, scenes)),
+    )  # fmt: skip
+
+
 def compare_study(
     study: Path, options: ComparisonOptions, report: Report = no_report
 ) -> Comparison:
@@ -188,16 +238,11 @@ def compare_study(
     StoreError
         If judgments could not be made.
     """
-    scenes = study_scenes(study)
+    scenes, settings = study_scenes(study), options.settings
     if options.bayes:
         require_extra("bayes")
-    table, path = study_responses(
-        study, options.responses, scenes, scale=options.scale, columns=options.columns
-    )
-    settings, told = options.settings, table.attrs.get("told", ())
-    mapping = table.attrs.get("columns", "")
-    table, exclusions = exclude(table, options.exclude)
-    trials = arrange(table, scenes, str(path))
+    read = study_trials(study, options)
+    trials, path = read.trials, read.path
     if options.bayes and any(one.means_of is not None for one in trials):
         raise InputError(f"{path}: --bayes needs single answers, and only means are known")
     for one in trials:
@@ -262,21 +307,19 @@ def compare_study(
         experiment=experiment,
         scenes=tuple(scenes),
         source=(path, _digest(path)),
-        columns=mapping,
-        simulated=bool(table["simulated"].any()),
+        columns=read.columns,
+        simulated=read.simulated,
         settings=settings,
         compared=people,
         judged=judged,
         candidates=sets,
         pours=tuple(_pours(scenes, wanted, own)),
-        exclusions=tuple(exclusions),
+        exclusions=read.exclusions,
         remarks=(
-            *told,
+            *read.told,
             *_models_remarks(specs, labels, own),
             *_fitted_remarks(people),
-            *uncompared(table),
-            *repeats(table),
-            *remarks(trials, scenes),
+            *read.remarks,
             *_doubts(tables, judged, people, individuals, settings),
         ),
         individuals=individuals,

@@ -129,15 +129,22 @@ class Sampler:
         self._model = model
         self._compiled: dict[tuple[tuple[int, ...], ...], Any] = {}
 
+    diverging = "diverging"
+    """Name by which the kernel tells of a broken trajectory."""
+
+    def kernel(self, *data: Any) -> Any:
+        """What makes the steps of a chain."""
+        return NUTS(self._model, init_strategy=init_to_median)
+
     def _chain(self, key: Any, *data: Any) -> Any:
         mcmc = MCMC(
-            NUTS(self._model, init_strategy=init_to_median),
+            self.kernel(*data),
             num_warmup=self.sampling.warmup,
             num_samples=self.sampling.draws,
             progress_bar=False,
         )
-        mcmc.run(key, *data, extra_fields=("diverging",))
-        return mcmc.get_samples(), mcmc.get_extra_fields()["diverging"].sum()
+        mcmc.run(key, *data, extra_fields=(self.diverging,))
+        return mcmc.get_samples(), mcmc.get_extra_fields()[self.diverging].sum()
 
     def posteriors(
         self, data: Sequence[tuple[Any, ...]], seed: int | None = None

@@ -1,0 +1,82 @@
+"""Command that says which model is in each participant's head: mixture."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pourcast.cli.app import app
+from pourcast.cli.compare import (
+    ColumnsOption,
+    ExcludeOption,
+    ResponsesOption,
+    ScaleOption,
+    options_of,
+)
+from pourcast.cli.options import JsonOption, ModelOption, SeedOption, StudyArgument
+from pourcast.cli.terminal import print_json, print_table, progress_bar, records
+
+
+@app.command()
+def mixture(
+    study: StudyArgument,
+    responses: ResponsesOption = None,
+    model: ModelOption = None,
+    columns: ColumnsOption = None,
+    scale: ScaleOption = None,
+    exclude: ExcludeOption = None,
+    draws: Annotated[
+        int, typer.Option(min=50, help="Of each of four chains, after half as many to adapt.")
+    ] = 800,
+    out: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the tables (.csv), figures.")
+    ] = None,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Which model is in each head, with which parameters? Models' shares among people.
+
+    Of what was swept (NAME:fitted) every setting may be in a head; without -m all that was swept,
+    and gravity. Minutes; needs the extra bayes.
+
+    Example: pourcast mixture my-study -m water-ife:fitted -m water-simple:fitted -o heads
+    """
+    from pourcast.comparison.mixture import TABLES, study_mixture
+    from pourcast.extras import require_extra
+    from pourcast.files import check_writable
+    from pourcast.pictures.style import save_figure
+    from pourcast.report.display import readable
+    from pourcast.report.figures.people import heads
+    from pourcast.tables import write_table
+
+    require_extra("bayes")
+    from pourcast.statistics.nuts import Sampling
+
+    if out is not None:
+        check_writable(out / "shares.csv")
+    options = options_of(responses, model, columns, scale, exclude, seed=seed)
+    sampling = Sampling(warmup=draws // 2, draws=draws, seed=seed)
+    with progress_bar() as report:
+        found = study_mixture(study, options, sampling, report)
+    if out is not None:
+        for name, table in found.tables.items():
+            marked = table.assign(simulated=True) if found.simulated else table
+            write_table(out / f"{name}.csv", marked)
+        figure = heads(found.tables["people"])
+        save_figure(figure, out / "people", simulated=found.simulated)
+    if as_json:
+        tables = {name: records(table) for name, table in found.tables.items()}
+        print_json({"simulated": found.simulated, "remarks": found.remarks, "tables": tables})
+        return
+    if found.simulated:
+        typer.echo("SIMULATED observers: this says nothing about people.\n")
+    for remark in found.remarks:
+        typer.echo(f"note: {remark}")
+    for name in ("shares", "population"):
+        typer.echo(f"\n{TABLES[name]}")
+        for liquid, rows in found.tables[name].groupby("liquid", sort=False):
+            typer.echo(f"{liquid} trials:")
+            shown = readable(rows.drop(columns="liquid"))
+            print_table(shown.set_index(shown.columns[0]))
+    if out is not None:
+        typer.echo(f"\n{out}: single participants and their parameters, too")
