@@ -37,7 +37,7 @@ from pourcast.statistics.reliability import (
     reliability,
     split_half,
 )
-from pourcast.study.responses import Trials
+from pourcast.study.trials import Trials
 
 Array = NDArray[np.float64]
 
