@@ -24,6 +24,7 @@ GROUND = (
     "numbers",
     "progress",
     "registry",
+    "spreadsheets",
     "tables",
 )
 """Single files that everybody may use: the ground floor."""

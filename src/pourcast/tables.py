@@ -1,23 +1,22 @@
 """Tables as files: CSV or Parquet, by the extension; read, checked and written here alone.
 
-A CSV file that we write opens in a spreadsheet with its texts as they are: what a spreadsheet would
-take for a formula, or turn into another number, a date or a truth value, has an apostrophe first,
-which `read_table` takes off. With letters beyond ASCII it has a byte-order mark.
+A CSV file that we write opens in a spreadsheet with its texts as they are (`spreadsheets`); with
+letters beyond ASCII it has a byte-order mark.
 """
 
 import codecs
-import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from pourcast.errors import InputError
 from pourcast.files import replacing
+from pourcast.spreadsheets import guarded, text_columns, without_guards
 
 TABLE_SUFFIXES = (".csv", ".parquet")
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
@@ -108,9 +107,9 @@ def _read_csv(content: bytes, text: Sequence[str], extra_header_rows: int) -> pd
         *([f"separated by {SEPARATORS[separator]}"] if separator != "," else []),
         *(["with decimal commas"] if decimal == "," else []),
     ]
-    unguarded = _in_texts(table, _without_guard)
-    unguarded.attrs = {"read_as": ", ".join(said), "decimal": decimal}
-    return unguarded
+    table = without_guards(table)
+    table.attrs = {"read_as": ", ".join(said), "decimal": decimal}
+    return table
 
 
 def _with_numbers(
@@ -297,92 +296,7 @@ def csv_bytes(table: pd.DataFrame, *, mark: bool = True) -> bytes:
     """
     safe = guarded(table)
     # A carriage return alone is quoted by no Python before 3.13.
-    returns = any("\r" in str(cell) for name in _text_columns(safe) for cell in (name, *safe[name]))
+    returns = any("\r" in str(cell) for name in text_columns(safe) for cell in (name, *safe[name]))
     quoting: Literal[0, 2] = 2 if returns else 0  # csv.QUOTE_NONNUMERIC, csv.QUOTE_MINIMAL
     text = safe.to_csv(index=False, lineterminator="\n", quoting=quoting)
     return text.encode("utf-8-sig" if mark and not text.isascii() else "utf-8")
-
-
-def guarded(table: pd.DataFrame) -> pd.DataFrame:
-    """A table with an apostrophe before what a spreadsheet would change; in its header, formulas.
-
-    `read_table` takes it off again.
-
-    Examples
-    --------
-    >>> names = ["=A1", "00123", "1E5", "17", "p-1", "'=A1"]
-    >>> guarded(pd.DataFrame({"name": names}))["name"].to_list()
-    ["'=A1", "'00123", "'1E5", '17', 'p-1', "''=A1"]
-    """
-    return _in_texts(table, _with_guard)
-
-
-def unguarded(text: str) -> str:
-    """A text of a CSV file without the apostrophe that `guarded` set, if it did.
-
-    Examples
-    --------
-    >>> [unguarded(text) for text in ("'00123", "'quoted", "''=A1")]
-    ['00123', "'quoted", "'=A1"]
-    """
-    return _without_guard(text, _would_change)
-
-
-_FORMULA = re.compile("[=+\\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
-"""How a formula begins, in a spreadsheet; in the wide forms of Asian keyboards, too."""
-_MONTH = (
-    "(jan(uary)?|feb(ruary)?|mar(ch)?|apr(il)?|may|june?|july?|aug(ust)?|sept?(ember)?|oct(ober)?"
-    "|nov(ember)?|dec(ember)?)"
-)
-_DATE = re.compile(
-    r"\d{1,4}\s*[-/.:]\s*\d{1,4}(\s*[-/.:]\s*\d{1,4})?(\s+\d{1,2}:.*)?"
-    rf"|(\d{{1,4}}[-/. ]*)?{_MONTH}[-/. ]*\d{{1,4}}|\d{{1,4}}[-/. ]*{_MONTH}",
-    re.IGNORECASE,
-)
-_NUMBER = re.compile(r"\s*(\d[\d.,\s]*|[.,]\d+)(e[-+]?\d+)?\s*%?\s*", re.IGNORECASE)
-_SAME_NUMBER = re.compile(r"0|[1-9]\d{0,14}")
-"""A number that a spreadsheet shows as it was written: whole, with no more digits than it keeps."""
-_TRUTH = ("true", "false")
-
-
-def _would_change(text: str) -> bool:
-    """Whether a spreadsheet would make something else of a text, apostrophes before it apart."""
-    core = text.lstrip("'")
-    if _SAME_NUMBER.fullmatch(core):
-        return False
-    return bool(
-        _is_formula(text)
-        or _NUMBER.fullmatch(core)
-        or _DATE.fullmatch(core)
-        or core.lower() in _TRUTH
-    )
-
-
-def _is_formula(text: str) -> bool:
-    return _FORMULA.match(text.lstrip("'")) is not None
-
-
-def _with_guard(text: str, changes: Callable[[str], bool]) -> str:
-    return f"'{text}" if changes(text) else text
-
-
-def _without_guard(text: str, changes: Callable[[str], bool]) -> str:
-    return text[1:] if text.startswith("'") and changes(text) else text
-
-
-def _in_texts(
-    table: pd.DataFrame, guard: Callable[[str, Callable[[str], bool]], str]
-) -> pd.DataFrame:
-    """A table with a guard set, or taken off, in all its texts and its header."""
-
-    def changed(value: Any, changes: Callable[[str], bool]) -> Any:
-        return guard(value, changes) if isinstance(value, str) else value
-
-    table = table.rename(columns=lambda name: changed(name, _is_formula))
-    for name in _text_columns(table):
-        table[name] = table[name].map(lambda value: changed(value, _would_change))
-    return table
-
-
-def _text_columns(table: pd.DataFrame) -> list[str]:
-    return list(table.select_dtypes(["object", "string"]).columns)

@@ -21,9 +21,9 @@ from pourcast.experiment.design.materials import prepare_materials
 from pourcast.experiment.storage.journal import Journal
 from pourcast.experiment.storage.storage import Storage, study_storage
 from pourcast.files import write_text
+from pourcast.spreadsheets import guarded
 from pourcast.study.folder import study_scenes
 from pourcast.study.trials import arrange
-from pourcast.tables import guarded
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, answer, judgment, scenes_of, small_study
 

@@ -27,7 +27,7 @@ from pourcast.experiment.storage.schema import SESSIONS
 from pourcast.experiment.storage.sessions import Arrival
 from pourcast.experiment.storage.storage import Storage
 from pourcast.files import keep_private, left_behind, replacing, write_text
-from pourcast.tables import guarded
+from pourcast.spreadsheets import guarded
 from tests.experiment.conftest import api_of
 from tests.experiment.make import EXP1, answer, small_study
 from tests.experiment.server_process import ServerProcess, Sturdy

@@ -23,7 +23,7 @@ from pourcast.experiment.data.tables import IDENTIFIER_PREFIX
 from pourcast.experiment.design.links import PERSONAL
 from pourcast.experiment.storage.sessions import token_digest
 from pourcast.files import replacing
-from pourcast.tables import unguarded
+from pourcast.spreadsheets import unguarded
 
 _TEXT_TABLES = {".csv": ",;\t", ".tsv": "\t", ".txt": "\t"}
 """Extensions of tables, and what may part their columns."""
