@@ -49,7 +49,7 @@ SHARED = ("intercept", "spread_intercept", "slope", "spread_slope", "log_precisi
           "spread_log_precision", "lapse", "cut_low", "cut_high")  # fmt: skip
 """What is estimated of the population, whatever model is in the heads."""
 
-_LEAST_SPREAD = 0.05
+LEAST_SPREAD = 0.05
 """Of a parameter over people, as a share of half of its range: narrower distributions lie within
 one setting, and can't be told from one another."""
 
@@ -132,7 +132,7 @@ class MixtureModel(Sampler):
     diverging = "hmc_state.diverging"
 
     def __init__(self, heads: Mapping[str, Head], sampling: Sampling | None = None) -> None:
-        super().__init__(self._population, sampling)
+        super().__init__(self.population, sampling)
         self.heads, self._settings = dict(heads), _Settings(heads)
 
     def fit(self, responses: Array, seed: int | None = None) -> "Mixture":
@@ -147,32 +147,38 @@ class MixtureModel(Sampler):
         """
         answered = np.isfinite(responses)
         answers = np.where(answered, responses, 0.5)
-        return Mixture(self.heads, self._named(self.posterior(answers, answered, seed=seed)))
+        found = self.posterior(answers, answered, seed=seed)
+        return Mixture(self.heads, Posterior(self.named(found.draws), found.divergences))
 
-    def _named(self, posterior: Posterior) -> Posterior:
-        """The posterior, with models' parameters on their own scales."""
-        draws, there = dict(posterior.draws), self._settings
+    def named(self, draws: Mapping[str, Array]) -> dict[str, Array]:
+        """Draws, and models' shares and parameters by their names and on their own scales."""
+        named, there = dict(draws), self._settings
         for number, key in enumerate(there.keys):
             mean, spread = draws["means"][..., number], draws["spreads"][..., number]
-            draws[mean_of(*key)] = there.centre[number] + there.half[number] * mean
-            draws[spread_of(*key)] = there.half[number] * (spread + _LEAST_SPREAD)
+            named[mean_of(*key)] = there.centre[number] + there.half[number] * mean
+            named[spread_of(*key)] = there.half[number] * (spread + LEAST_SPREAD)
         for number, name in enumerate(self.heads):
-            draws[share_of(name)] = draws["shares"][..., number]
-        return Posterior(draws, posterior.divergences)
+            named[share_of(name)] = draws["shares"][..., number]
+        return named
 
     def kernel(self, answers: Any, answered: Any) -> Any:
         """NUTS, and in between settings and shares."""
-        inner = NUTS(self._model, init_strategy=init_to_median, max_tree_depth=_TREE_DEPTH)
+        inner = NUTS(
+            self._model,
+            init_strategy=init_to_median,
+            max_tree_depth=_TREE_DEPTH,
+            target_accept_prob=0.9,
+        )
 
         def gibbs(rng_key: Any, gibbs_sites: Any, hmc_sites: Any) -> Any:
-            model = handlers.substitute(self._population, data={**gibbs_sites, **hmc_sites})
+            model = handlers.substitute(self.population, data={**gibbs_sites, **hmc_sites})
             sites = handlers.trace(handlers.seed(model, rng_key)).get_trace(answers, answered)
             there = {name: site["value"] for name, site in sites.items() if "value" in site}
             return self._conditional(rng_key, there, answers, answered)
 
         return HMCGibbs(inner, gibbs, ["setting", "shares"])
 
-    def _population(self, answers: Any, answered: Any) -> None:
+    def population(self, answers: Any, answered: Any) -> None:
         """The model, for NumPyro."""
         there, people = self._settings, answers.shape[0]
         each = answered.sum() / people
@@ -187,7 +193,7 @@ class MixtureModel(Sampler):
         means = numpyro.sample("means", dist.Uniform(-1.0, 1.0).expand(count).to_event(1))
         spreads = numpyro.sample("spreads", dist.HalfNormal(0.5).expand(count).to_event(1))
         shares = numpyro.sample("shares", dist.Dirichlet(jnp.ones(len(self.heads))))
-        prior = there.log_prior(shares, means, spreads + _LEAST_SPREAD)
+        prior = there.log_prior(shares, means, spreads + LEAST_SPREAD)
         with numpyro.plate("participants", people):
             setting = numpyro.sample("setting", dist.Categorical(logits=prior))
         answering = Answering(jnp.exp(phi)[:, None], lapse, cut_low, cut_high)
@@ -201,7 +207,7 @@ class MixtureModel(Sampler):
         counts = jnp.asarray(there.of_model)[:, sites["setting"]].sum(axis=1)
         drawn = jnp.maximum(dist.Dirichlet(1.0 + counts).sample(for_shares), _LEAST_SHARE)
         shares = drawn / drawn.sum()
-        prior = there.log_prior(shares, sites["means"], sites["spreads"] + _LEAST_SPREAD)
+        prior = there.log_prior(shares, sites["means"], sites["spreads"] + LEAST_SPREAD)
         x, shared = jnp.asarray(there.x), (sites["lapse"], sites["cut_low"], sites["cut_high"])
 
         def log_likelihood(one: Any) -> Any:
@@ -234,6 +240,14 @@ def _of_people(name: str, mean: dist.Normal, widest: float, people: int, known: 
     everybody = jnp.ones((people, 1)), jnp.full((1, people), 1.0 / people)
     effects, common = sample_effects(f"participant_{name}", spread, known, *everybody)
     return numpyro.deterministic(f"own_{name}", sample_coefficient(name, mean, common[0]) + effects)
+
+
+def names_of(heads: Mapping[str, Head]) -> list[str]:
+    """Names of all that is estimated of the population."""
+    models = [share_of(name) for name in heads]
+    keys = [(name, one) for name, head in heads.items() for one in head.parameters]
+    own = [name for key in keys for name in (mean_of(*key), spread_of(*key))]
+    return [*models, *own, *SHARED]
 
 
 def mean_of(model: str, parameter: str) -> str:
@@ -270,10 +284,7 @@ class Mixture:
     @property
     def names(self) -> list[str]:
         """Of all that is estimated of the population."""
-        models = [share_of(name) for name in self.heads]
-        keys = [(name, one) for name, head in self.heads.items() for one in head.parameters]
-        own = [name for key in keys for name in (mean_of(*key), spread_of(*key))]
-        return [*models, *own, *SHARED]
+        return names_of(self.heads)
 
     def shares(self, level: float) -> pd.DataFrame:
         """A row a model: `share` of the population, `low`, `high`, and `exceedance`.
