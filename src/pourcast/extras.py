@@ -7,7 +7,7 @@ from typing import Any
 from pourcast.errors import InputError
 
 EXTRAS = {
-    "bayes": ("numpyro", "arviz"),
+    "bayes": ("numpyro", "arviz_stats"),
     "stimuli": ("pysplashsurf",),
     "experiment": ("sqlalchemy", "psutil", "starlette", "uvicorn", "httptools"),
 }

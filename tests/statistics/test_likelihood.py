@@ -3,22 +3,30 @@
 import numpy as np
 import pytest
 from scipy import integrate
-from scipy.special import expit, log_expit
+from scipy.special import expit, gammaln, log_expit
 from scipy.stats import beta
 
-from pourcast.statistics.bayes import LAPSE_ENDS, predictor
+from pourcast.statistics.ordered_beta import (
+    LAPSE_ENDS,
+    Answering,
+    log_density,
+    log_gamma,
+    predictor,
+)
 
 TRUE = {"intercept": 0.1, "slope": 0.6, "spread_intercept": 0.3, "spread_slope": 0.15,
-        "precision": 8.0, "lapse": 0.04, "cut_low": -4.0, "cut_high": 4.0}  # fmt: skip
+        "spread_scene": 0.4, "precision": 8.0, "lapse": 0.04, "cut_low": -4.0, "cut_high": 4.0}  # fmt: skip
 
 
 def draw(rng, people, judgments, true=TRUE):
     """Answers of the response model itself."""
     x, shape = predictor(judgments), (people, len(judgments))
     u, v = rng.standard_normal((2, people, 1))
+    w = rng.standard_normal(len(judgments))
     eta = (
         true["intercept"]
         + true["spread_intercept"] * u
+        + true["spread_scene"] * w
         + (true["slope"] + true["spread_slope"] * v) * x
     )
     mean = expit(eta)
@@ -84,7 +92,13 @@ def test_the_density_is_one_in_all(eta, lapse):
 def test_the_density_is_that_of_the_draws():
     # With one participant's eta known, shares of answers are integrals of the density.
     rng = np.random.default_rng(0)
-    true = TRUE | {"spread_intercept": 0.0, "spread_slope": 0.0, "cut_low": -1.0, "cut_high": 2.0}
+    true = TRUE | {
+        "spread_intercept": 0.0,
+        "spread_slope": 0.0,
+        "spread_scene": 0.0,
+        "cut_low": -1.0,
+        "cut_high": 2.0,
+    }
     answers = draw(rng, 200_000, np.array([0.7]), true)[:, 0]
     eta = 0.1 + 0.6 * predictor(np.array([0.7]))
 
@@ -100,3 +114,16 @@ def test_the_density_is_that_of_the_draws():
         assert share == pytest.approx(integrate.quad(density, low, high)[0], abs=0.005)
     assert np.mean(answers == 0) == pytest.approx(density(0.0), abs=0.005)
     assert np.mean(answers == 1) == pytest.approx(density(1.0), abs=0.005)
+
+
+def test_the_density_by_jax_is_that_of_numpy():
+    rng = np.random.default_rng(0)
+    answers, eta = np.append(rng.random(50), [0.0, 1.0]), rng.normal(0, 1.5, 52)
+    ours = ordered_beta_log_density(answers, eta, 7.0, (-3.0, 2.0), 0.05)
+    theirs = log_density(answers, eta, Answering(7.0, 0.05, -3.0, 2.0))
+    assert np.asarray(theirs) == pytest.approx(ours, rel=1e-4, abs=1e-4)
+
+
+def test_the_logarithm_of_gamma_is_scipy_s():
+    x = np.geomspace(1e-4, 300.0, 200)
+    assert np.asarray(log_gamma(x)) == pytest.approx(gammaln(x), rel=2e-5, abs=2e-5)

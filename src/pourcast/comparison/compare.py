@@ -20,12 +20,14 @@ from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import called, resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
+from pourcast.statistics.jackknife import FEWEST
 from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import (
     SHARES,
     Exclusion,
     Scale,
+    Trials,
     arrange,
     blanks,
     exclude,
@@ -39,8 +41,11 @@ from pourcast.sweep.judgments import (
     sweep_words,
 )
 
-LARGEST_R_HAT = 1.05
-"""Chains of a posterior that differ by more are told of."""
+LARGEST_R_HAT = 1.01
+"""Chains of a posterior that differ by more are told of (rank-normalised R-hat)."""
+
+LEAST_ESS = 400.0
+"""Effective draws, of the bulk and of the tails, fewer than which are told of."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +147,8 @@ TABLES = {
     "choice": "Parameters chosen on these responses, by the paper's procedure",
     "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
     "carried": "Parameters chosen in another experiment, carried over unchanged",
-    "loo": "Likelihood of single answers: models by PSIS-LOO, the best first",
+    "loo": "Likelihood of single answers: models by leave-one-out, the best first",
+    "loo_differences": "Likelihood of single answers: which model is told from which, by 2 SE",
     "posterior": "Likelihood of single answers: parameters of the response model, with intervals",
     "variance": "Variance of deterministic judgments over the window of dampings",
     "variance_tests": "Unpaired t-tests between these variances",
@@ -294,20 +300,20 @@ def _bayes(
 ) -> dict[str, pd.DataFrame]:
     """Models compared by the likelihood of single answers, for each liquid."""
     # JAX is loaded only for this.
-    from pourcast.statistics.bayes import Sampling, compare_models  # noqa: PLC0415
+    from pourcast.statistics.loo import compare_models  # noqa: PLC0415
+    from pourcast.statistics.nuts import Sampling  # noqa: PLC0415
 
-    loos, posteriors = [], []
+    parts: dict[str, list[pd.DataFrame]] = {"loo": [], "loo_differences": [], "posterior": []}
     for one in people:
         fit = compare_models(
             one.trials.responses, one.models, Sampling(seed=settings.seed), report,
             level=settings.level,
         )  # fmt: skip
-        loos.append(_labelled(fit.loo, one))
-        posteriors.append(_labelled(fit.parameters, one))
-    return {
-        "loo": pd.concat(loos, ignore_index=True),
-        "posterior": pd.concat(posteriors, ignore_index=True),
-    }
+        for part, table in zip(
+            parts.values(), (fit.loo, fit.differences, fit.parameters), strict=True
+        ):
+            part.append(_labelled(table, one))
+    return {name: pd.concat(part, ignore_index=True) for name, part in parts.items()}
 
 
 def _labelled(table: pd.DataFrame, one: PeopleAndModels) -> pd.DataFrame:
@@ -364,12 +370,8 @@ def _doubts(
     elif tables["cross_validation"].empty:
         doubts.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
     if "posterior" in tables:
-        bad = tables["posterior"].query("r_hat > @LARGEST_R_HAT")
-        doubts += [
-            f"{liquid}: the chains of {model} disagree (R-hat above {LARGEST_R_HAT}): trust its "
-            "likelihood less"
-            for liquid, model in dict.fromkeys(zip(bad["liquid"], bad["model"], strict=True))
-        ]
+        doubts += _doubts_of_posteriors(tables["posterior"])
+        doubts += [_unknown_loo(one.trials) for one in people]
     for one in people:
         doubts += [
             agreement.unknown_intervals(one.trials, settings, tables["agreement"]),
@@ -380,3 +382,26 @@ def _doubts(
         for liquid, why in individuals.left_out.items()
     ]
     return [doubt for doubt in doubts if doubt]
+
+
+def _doubts_of_posteriors(table: pd.DataFrame) -> Iterator[str]:
+    """Which posteriors are not to be relied on, and why."""
+    for (liquid, model), rows in table.groupby(["liquid", "model"], sort=False):
+        why = []
+        if (r_hat := rows["r_hat"].max()) > LARGEST_R_HAT:
+            why.append(f"its chains disagree (R-hat {r_hat:.3f}, above {LARGEST_R_HAT})")
+        if (ess := rows[["ess_bulk", "ess_tail"]].to_numpy().min()) < LEAST_ESS:
+            why.append(f"it is worth {ess:.0f} draws (fewer than {LEAST_ESS:.0f})")
+        if divergences := rows["divergences"].max():
+            why.append(f"{divergences} of its trajectories diverged")
+        if why:
+            yield f"{liquid}: trust the posterior of {model} less: {', '.join(why)}"
+
+
+def _unknown_loo(trials: Trials) -> str:
+    """What can't be left out one at a time, as there is too little of it; empty if all can."""
+    counts = dict(zip(("participants", "scenes"), trials.responses.shape, strict=True))
+    few = [f"{what} ({count})" for what, count in counts.items() if count < FEWEST]
+    if not few:
+        return ""
+    return f"{trials.liquid}: no leaving out of {' or '.join(few)}: it needs at least {FEWEST}"

@@ -1,0 +1,143 @@
+"""Units left out: integrals against sums over a fine grid, and weights against fits without them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from pourcast.comparison.compare import _doubts_of_posteriors
+from pourcast.statistics import leave_out as module
+from pourcast.statistics.leave_out import UNITS, largest_k, leave_out
+from pourcast.statistics.loo import compare_models, stacking_weights, units_of
+from pourcast.statistics.nuts import Sampler
+from pourcast.statistics.response_model import Answers, information, response_model
+from tests.statistics.test_likelihood import TRUE, draw, ordered_beta_log_density
+from tests.statistics.test_response_model import study
+
+FINE = np.linspace(-6.0, 6.0, 121)
+"""Effects over their spread."""
+
+
+@pytest.fixture(scope="module")
+def sampler():
+    return Sampler(response_model)
+
+
+def density(data, eta, posterior, at):
+    """By NumPy: log density of answers at a draw, 0 where there are none."""
+    one = {name: posterior.draws[name][0, at] for name in TRUE}
+    found = ordered_beta_log_density(
+        np.broadcast_to(data.answers.reshape(data.answers.shape + (1,) * (eta.ndim - 2)), eta.shape),
+        eta, one["precision"], (one["cut_low"], one["cut_high"]), one["lapse"],
+    )  # fmt: skip
+    return np.where(data.answered.reshape(data.answers.shape + (1,) * (eta.ndim - 2)), found, 0.0)
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.3, 1.5])
+def test_effects_are_integrated_out(spread, sampler):
+    spreads = ("spread_scene", "spread_intercept", "spread_slope")
+    answers, judgments = study(3, 8, 12, TRUE | dict.fromkeys(spreads, spread))
+    answers[0, 1] = np.nan
+    data = Answers.of(answers, judgments)
+    posterior = sampler.posterior(*data)
+    # The draws with the least spread: what is narrow is what a rule with few nodes may miss.
+    least = {name: int(posterior.draws[name][0].argmin()) for name in spreads}
+    for unit in UNITS:
+        kind = module._KINDS[unit]
+        found = kind.likelihood(posterior, data, kind.places(posterior, data))
+        for at in (0, *least.values()):
+            one = {name: each[0, at] for name, each in posterior.draws.items()}
+            if unit == "scenes":
+                own = one["intercept"] + one["spread_scene"] * FINE
+                slopes = one["slope"] + one["participant_slope"]
+                eta = one["participant_intercept"][:, None] + slopes[:, None] * data.x
+                total = density(data, eta[..., None] + own, posterior, at).sum(axis=0)
+                weights = norm.logpdf(FINE)
+                step = FINE[1] - FINE[0]
+                known = logsumexp(total + weights, axis=-1) + np.log(step)
+            else:
+                u = one["spread_intercept"] * FINE[:, None]
+                v = one["slope"] + one["spread_slope"] * FINE[None, :]
+                eta = (
+                    (one["intercept"] + one["scene"])[:, None, None] + u + v * data.x[:, None, None]
+                )
+                eta = np.broadcast_to(eta, (8, *eta.shape))
+                total = density(data, eta, posterior, at).sum(axis=1)
+                weights = norm.logpdf(FINE)[:, None] + norm.logpdf(FINE)
+                step = (FINE[1] - FINE[0]) ** 2
+                known = logsumexp(total + weights, axis=(-2, -1)) + np.log(step)
+            assert found[at] == pytest.approx(known, abs=0.05), (unit, at)
+
+
+def test_what_answers_say_is_counted():
+    known = information(np.array([[True, True], [True, False]]), np.array([1.0, 3.0]))
+    assert known == (1.5, 7.5, 1.5)
+
+
+def test_a_unit_whose_weights_are_good_is_predicted_as_by_a_fit_without_it(sampler, monkeypatch):
+    data = Answers.of(*study(4, 8, 12))
+    posterior = sampler.posterior(*data)
+    for unit in UNITS:
+        weighted = leave_out(unit, sampler, posterior, data)
+        best = weighted.k.min()
+        assert best < 0.5
+        with monkeypatch.context() as patch:
+            # Only that one counts as high.
+            patch.setattr(module, "_high", lambda k, draws, best=best: k == best)
+            again = leave_out(unit, sampler, posterior, data)
+        assert again.refitted.sum() == 1
+        assert again.elpd[again.refitted] == pytest.approx(weighted.elpd[again.refitted], abs=0.15)
+        assert (again.elpd[~again.refitted] == weighted.elpd[~again.refitted])[
+            ~weighted.refitted[~again.refitted]
+        ].all()
+        assert weighted.p_loo.sum() > 0.0
+
+
+def test_the_true_model_wins_and_equally_good_ones_are_not_told():
+    rng = np.random.default_rng(1)
+    judgments = rng.random(30)
+    answers = draw(rng, 8, judgments)
+    models = {"other": rng.random(30), "true": judgments, "same": judgments}
+    found = compare_models(answers, models)
+    scenes = found.loo[found.loo["unit"] == "scenes"].set_index("model")
+    assert scenes.index[-1] == "other"
+    assert scenes.loc["other", "told"] == "yes"
+    assert scenes["weight"].sum() == pytest.approx(1.0)
+    assert scenes["weight"]["other"] < 0.05
+    assert set(found.loo["unit"]) == set(UNITS)
+    pairs = found.differences[found.differences["unit"] == "scenes"]
+    told = {frozenset(pair): told for *pair, told in pairs[["model", "rival", "told"]].to_numpy()}
+    assert told == {
+        frozenset(("other", "true")): "yes",
+        frozenset(("other", "same")): "yes",
+        frozenset(("true", "same")): "no",
+    }
+
+
+def test_stacking_is_that_of_models_each_good_at_half_of_the_units():
+    elpd = np.array([[0.0] * 5 + [-4.0] * 5, [-4.0] * 5 + [0.0] * 5, [-2.0] * 10])
+    assert stacking_weights(elpd) == pytest.approx([0.5, 0.5, 0.0], abs=1e-6)
+
+
+def test_too_few_units_are_not_left_out():
+    assert units_of(np.zeros((4, 5))) == ["scenes"]
+    assert units_of(np.zeros((5, 4))) == ["participants"]
+    assert largest_k(500) < largest_k(2500) == 0.7
+
+
+def test_posteriors_that_are_not_to_be_relied_on_are_told():
+    good = {"liquid": "water", "model": "a", "r_hat": 1.004, "ess_bulk": 900.0, "ess_tail": 800.0,
+            "divergences": 0}  # fmt: skip
+    rows = [
+        good,
+        good | {"model": "b", "r_hat": 1.02},
+        good | {"model": "c", "ess_tail": 300.0},
+        good | {"model": "d", "divergences": 3},
+        good | {"model": "d", "divergences": 3},
+    ]
+    told = list(_doubts_of_posteriors(pd.DataFrame(rows)))
+    assert [doubt.split(":")[1].split()[-2] for doubt in told] == ["b", "c", "d"]
+    assert "R-hat 1.020" in told[0]
+    assert "300 draws" in told[1]
+    assert "3 of its trajectories diverged" in told[2]
