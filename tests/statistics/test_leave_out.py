@@ -17,6 +17,7 @@ from tests.statistics.test_response_model import study
 
 FINE = np.linspace(-6.0, 6.0, 121)
 """Effects over their spread."""
+STEP = FINE[1] - FINE[0]
 
 
 @pytest.fixture(scope="module")
@@ -24,14 +25,42 @@ def sampler():
     return Sampler(response_model)
 
 
-def density(data, eta, posterior, at):
+def density(data, eta, one):
     """By NumPy: log density of answers at a draw, 0 where there are none."""
-    one = {name: posterior.draws[name][0, at] for name in TRUE}
-    found = ordered_beta_log_density(
-        np.broadcast_to(data.answers.reshape(data.answers.shape + (1,) * (eta.ndim - 2)), eta.shape),
-        eta, one["precision"], (one["cut_low"], one["cut_high"]), one["lapse"],
-    )  # fmt: skip
-    return np.where(data.answered.reshape(data.answers.shape + (1,) * (eta.ndim - 2)), found, 0.0)
+    nodes = (1,) * (eta.ndim - 2)
+    answers = np.broadcast_to(data.answers.reshape(*data.answers.shape, *nodes), eta.shape)
+    cuts = one["cut_low"], one["cut_high"]
+    found = ordered_beta_log_density(answers, eta, one["precision"], cuts, one["lapse"])
+    return np.where(data.answered.reshape(*data.answers.shape, *nodes), found, 0.0)
+
+
+def scenes_on_a_grid(data, one):
+    """Log density of each answer with scenes' effects on the grid, and the log of their prior."""
+    own = one["intercept"] + one["spread_scene"] * FINE
+    slopes = one["slope"] + one["participant_slope"]
+    eta = one["participant_intercept"][:, None] + slopes[:, None] * data.x
+    return density(data, eta[..., None] + own, one), norm.logpdf(FINE) + np.log(STEP)
+
+
+def scene_known(data, one):
+    each, prior = scenes_on_a_grid(data, one)
+    return logsumexp(each.sum(axis=0) + prior, axis=-1)
+
+
+def participant_known(data, one, who):
+    """The same of a participant, by what the others answered."""
+    each, prior = scenes_on_a_grid(data, one)
+    others = each.sum(axis=0) + prior - each[who]
+    others -= logsumexp(others, axis=-1)[:, None]
+    coarse = FINE[::4]
+    u, v = (grid.ravel() for grid in np.meshgrid(coarse, coarse))
+    line = one["intercept"] + one["spread_intercept"] * u
+    line = line + (one["slope"] + one["spread_slope"] * v) * data.x[:, None]
+    eta = line[:, None] + (one["spread_scene"] * FINE)[:, None]
+    own = data._replace(answers=data.answers[[who]], answered=data.answered[[who]])
+    predicted = logsumexp(density(own, eta[None], one)[0] + others[..., None], axis=1)
+    weights = norm.logpdf(u) + norm.logpdf(v) + 2.0 * np.log(4.0 * STEP)
+    return logsumexp(predicted.sum(axis=0) + weights)
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.3, 1.5])
@@ -41,33 +70,21 @@ def test_effects_are_integrated_out(spread, sampler):
     answers[0, 1] = np.nan
     data = Answers.of(answers, judgments)
     posterior = sampler.posterior(*data)
-    # The draws with the least spread: what is narrow is what a rule with few nodes may miss.
-    least = {name: int(posterior.draws[name][0].argmin()) for name in spreads}
-    for unit in UNITS:
-        kind = module._KINDS[unit]
-        found = kind.likelihood(posterior, data, kind.places(posterior, data))
-        for at in (0, *least.values()):
-            one = {name: each[0, at] for name, each in posterior.draws.items()}
-            if unit == "scenes":
-                own = one["intercept"] + one["spread_scene"] * FINE
-                slopes = one["slope"] + one["participant_slope"]
-                eta = one["participant_intercept"][:, None] + slopes[:, None] * data.x
-                total = density(data, eta[..., None] + own, posterior, at).sum(axis=0)
-                weights = norm.logpdf(FINE)
-                step = FINE[1] - FINE[0]
-                known = logsumexp(total + weights, axis=-1) + np.log(step)
-            else:
-                u = one["spread_intercept"] * FINE[:, None]
-                v = one["slope"] + one["spread_slope"] * FINE[None, :]
-                eta = (
-                    (one["intercept"] + one["scene"])[:, None, None] + u + v * data.x[:, None, None]
-                )
-                eta = np.broadcast_to(eta, (8, *eta.shape))
-                total = density(data, eta, posterior, at).sum(axis=1)
-                weights = norm.logpdf(FINE)[:, None] + norm.logpdf(FINE)
-                step = (FINE[1] - FINE[0]) ** 2
-                known = logsumexp(total + weights, axis=(-2, -1)) + np.log(step)
-            assert found[at] == pytest.approx(known, abs=0.05), (unit, at)
+    places = module._places(posterior, data)
+    # The draws with the least spread, too: a rule with few nodes may miss what is narrow.
+    for at in (0, *(int(posterior.flat(name, 500).argmin()) for name in spreads)):
+        for unit, tolerance in (("scenes", 0.05), ("participants", 0.15)):
+            kind = module._KINDS[unit]
+            some = np.array([0, 5])
+            found = kind.likelihood(posterior, data, places, some)[at]
+            names = [*TRUE, "participant_intercept", "participant_slope"]
+            one = {name: posterior.flat(name, kind.most_draws)[at] for name in names}
+            known = (
+                scene_known(data, one)[some]
+                if unit == "scenes"
+                else [participant_known(data, one, who) for who in some]
+            )
+            assert found == pytest.approx(known, abs=tolerance), (unit, at)
 
 
 def test_what_answers_say_is_counted():

@@ -2,8 +2,11 @@
 
 The unit is what a conclusion is to hold over: other scenes, or other people. All answers of a
 unit are predicted together, and so is its own effect, which is integrated out: what a model says
-of a scene whose answers nobody has seen (Merkle, Furr & Rabe-Hesketh 2019, Psychometrika 84). The
-posterior without the unit is that with it, weighted by Pareto-smoothed importance sampling
+of a scene whose answers nobody has seen (Merkle, Furr & Rabe-Hesketh 2019, Psychometrika 84). Of
+a participant, scenes' effects are integrated out, too, by what the others answered: one of ten
+says so much of them that no weights could take it back.
+
+The posterior without the unit is that with it, weighted by Pareto-smoothed importance sampling
 (Vehtari, Simpson, Gelman, Yao & Gabry 2024, Journal of Machine Learning Research 25); where the
 Pareto k says that this can't be relied on, the model is fitted again without the unit.
 
@@ -34,8 +37,9 @@ Unit = Literal["scenes", "participants"]
 """What is left out, one at a time."""
 UNITS: tuple[Unit, ...] = get_args(Unit)
 
-_SCENE_NODES, _PARTICIPANT_NODES = 15, 9
-"""Of Gauss-Hermite quadrature along each effect."""
+_SCENE_NODES, _KNOWN_SCENE_NODES, _PARTICIPANT_NODES = 15, 7, 5
+"""Of Gauss-Hermite quadrature along each effect: of a scene that nobody has answered, of one that
+others have answered, and of a participant."""
 
 
 @dataclass(frozen=True)
@@ -75,16 +79,16 @@ def leave_out(unit: Unit, sampler: Sampler, posterior: Posterior, data: Answers)
         All answers.
     """
     kind = _KINDS[unit]
-    places = kind.places(posterior, data)
-    likelihood = kind.likelihood(posterior, data, places)
+    places = _places(posterior, data)
+    everything = np.arange(data.answers.shape[kind.axis])
+    likelihood = kind.likelihood(posterior, data, places, everything)
     weights, k = array_stats.psislw(likelihood, axis=0)
     elpd = logsumexp(weights.T + likelihood, axis=0)
     refitted = _high(np.asarray(k), len(likelihood))
-    again = np.flatnonzero(refitted).tolist()
+    again = np.flatnonzero(refitted)
     without = [data._replace(answered=_without(data.answered, one, kind.axis)) for one in again]
     for one, other in zip(again, sampler.posteriors(without), strict=True):
-        own = kind.likelihood(other, _only(data, one, kind.axis), places.only(one))
-        elpd[one] = _log_mean(own)[0]
+        elpd[one] = _log_mean(kind.likelihood(other, data, places, np.array([one])))[0]
     return LeftOut(elpd, _log_mean(likelihood) - elpd, np.asarray(k), refitted)
 
 
@@ -107,16 +111,10 @@ def _log_mean(log_values: Array) -> Array:
     return np.asarray(logsumexp(log_values, axis=0) - np.log(len(log_values)))
 
 
-def _without(answered: NDArray[np.bool_], one: int, axis: int) -> NDArray[np.bool_]:
+def _without(answered: NDArray[np.bool_], one: np.intp, axis: int) -> NDArray[np.bool_]:
     left = answered.copy()
     left[(slice(None),) * axis + (one,)] = False
     return left
-
-
-def _only(data: Answers, one: int, axis: int) -> Answers:
-    own = (slice(None),) * axis + ([one],)
-    x = data.x[[one]] if axis else data.x
-    return data._replace(answers=data.answers[own], answered=data.answered[own], x=x)
 
 
 # Effects, integrated out by Gauss-Hermite quadrature about where they lie in the posterior, on the
@@ -124,37 +122,36 @@ def _only(data: Answers, one: int, axis: int) -> Answers:
 
 
 class _Places(NamedTuple):
-    """Where effects of each unit lie, on their scale: mean, and root of the covariance."""
+    """Where effects lie, on their scale: mean, and root of the covariance."""
 
-    mean: Any
-    root: Any
+    scene: Any
+    scene_root: Any
+    participant: Any
+    participant_root: Any
     known: Information
 
-    def only(self, one: int) -> "_Places":
-        return self._replace(mean=self.mean[[one]], root=self.root[[one]])
 
-
-def _scene_places(posterior: Posterior, data: Answers) -> _Places:
+def _places(posterior: Posterior, data: Answers) -> _Places:
     known = information(data.answered, data.x)
-    own = posterior.flat("scene") / _scale(posterior.flat("spread_scene"), known.scene)[:, None]
-    return _Places(own.mean(axis=0), own.std(axis=0), known)
-
-
-def _participant_places(posterior: Posterior, data: Answers) -> _Places:
-    known = information(data.answered, data.x)
-    intercept = _scale(posterior.flat("spread_intercept"), known.intercept)[:, None]
-    slope = _scale(posterior.flat("spread_slope"), known.slope)[:, None]
-    own = np.stack(
-        [posterior.flat("participant_intercept") / intercept,
-         posterior.flat("participant_slope") / slope], axis=-1,
-    )  # fmt: skip
+    scene = _on_their_scale(posterior, "scene", "spread_scene", known.scene)
+    intercept = _on_their_scale(
+        posterior, "participant_intercept", "spread_intercept", known.intercept
+    )
+    slope = _on_their_scale(posterior, "participant_slope", "spread_slope", known.slope)
+    own = np.stack([intercept, slope], axis=-1)
     centred = own - own.mean(axis=0)
-    covariance = np.einsum("dpi,dpj->pij", centred, centred) / len(own)
-    return _Places(own.mean(axis=0), np.linalg.cholesky(covariance), known)
+    root = np.linalg.cholesky(np.einsum("dpi,dpj->pij", centred, centred) / len(own))
+    return _Places(scene.mean(axis=0), scene.std(axis=0), own.mean(axis=0), root, known)
 
 
 def _scale(spread: Any, known: Any) -> Any:
     return spread / stretch(spread, known)
+
+
+def _on_their_scale(posterior: Posterior, name: str, spread: str, known: float) -> Array:
+    scale = np.asarray(_scale(posterior.flat(spread), known))
+    own: Array = posterior.flat(name) / scale[:, None]
+    return own
 
 
 def _nodes(count: int) -> tuple[Array, Array]:
@@ -163,37 +160,70 @@ def _nodes(count: int) -> tuple[Array, Array]:
     return nodes, np.log(weights) + 0.5 * nodes**2
 
 
-def _scenes_of_draw(draw: Mapping[str, Any], data: Answers, places: _Places) -> Any:
-    nodes, log_weights = _nodes(_SCENE_NODES)
-    own = places.mean[:, None] + places.root[:, None] * nodes
-    spread, known = draw["spread_scene"], places.known.scene
+def _density(draw: Mapping[str, Any], data: Answers, eta: Any) -> Any:
+    """Log density of each answer, 0 where there is none; at nodes on further axes of eta."""
+    nodes = (1,) * (eta.ndim - 2)
+    answering = Answering(*(draw[name] for name in Answering._fields))
+    density = log_density(data.answers.reshape(*data.answers.shape, *nodes), eta, answering)
+    return jnp.where(data.answered.reshape(*data.answered.shape, *nodes), density, 0.0)
+
+
+def _without_scenes(draw: Mapping[str, Any], data: Answers) -> Any:
+    """Eta without scenes' effects, shape [participant_count, scene_count]."""
     slopes = draw["slope"] + draw["participant_slope"]
-    eta = draw["intercept"] + draw["participant_intercept"][:, None] + slopes[:, None] * data.x
-    total = _total(draw, data, eta[..., None] + _scale(spread, known) * own, 0)
-    total += norm.logpdf(own, 0.0, stretch(spread, known)) + log_weights
-    return jax.nn.logsumexp(total, axis=-1) + jnp.log(places.root)
+    return draw["intercept"] + draw["participant_intercept"][:, None] + slopes[:, None] * data.x
 
 
-def _participants_of_draw(draw: Mapping[str, Any], data: Answers, places: _Places) -> Any:
+def _scene_nodes(draw: Mapping[str, Any], places: _Places, count: int) -> tuple[Any, Any]:
+    """Effects of scenes at nodes, and log weights times prior; both [scene_count, count]."""
+    nodes, log_weights = _nodes(count)
+    own = places.scene[:, None] + places.scene_root[:, None] * nodes
+    spread, known = draw["spread_scene"], places.known.scene
+    prior = norm.logpdf(own, 0.0, stretch(spread, known)) + jnp.log(places.scene_root)[:, None]
+    return _scale(spread, known) * own, prior + log_weights
+
+
+def _participant_nodes(draw: Mapping[str, Any], places: _Places) -> tuple[Any, Any, Any]:
+    """Intercepts and slopes of participants at nodes, and log weights times prior."""
     nodes, log_weights = _nodes(_PARTICIPANT_NODES)
     pairs = np.stack([each.ravel() for each in np.meshgrid(nodes, nodes)])
-    own = places.mean[:, :, None] + places.root @ pairs
-    intercept, slope = draw["spread_intercept"], draw["spread_slope"]
-    u = _scale(intercept, places.known.intercept) * own[:, [0]]
-    v = draw["slope"] + _scale(slope, places.known.slope) * own[:, [1]]
-    eta = draw["intercept"] + draw["scene"][:, None] + u + v * data.x[:, None]
-    total = _total(draw, data, eta, 1) + np.add.outer(log_weights, log_weights).ravel()
-    total += norm.logpdf(own[:, 0], 0.0, stretch(intercept, places.known.intercept))
-    total += norm.logpdf(own[:, 1], 0.0, stretch(slope, places.known.slope))
-    area = jnp.log(places.root[:, 0, 0]) + jnp.log(places.root[:, 1, 1])
-    return jax.nn.logsumexp(total, axis=-1) + area
+    own = places.participant[:, :, None] + places.participant_root @ pairs
+    spreads = (draw["spread_intercept"], draw["spread_slope"])
+    known = (places.known.intercept, places.known.slope)
+    u, v = (_scale(*each) * own[:, k] for k, each in enumerate(zip(spreads, known, strict=True)))
+    prior = jnp.log(jnp.diagonal(places.participant_root, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    for k, each in enumerate(zip(spreads, known, strict=True)):
+        prior += norm.logpdf(own[:, k], 0.0, stretch(*each))
+    return u, draw["slope"] + v, prior + np.add.outer(log_weights, log_weights).ravel()
 
 
-def _total(draw: Mapping[str, Any], data: Answers, eta: Any, axis: int) -> Any:
-    """Log density of all answers of each unit, at each node (the last axis)."""
-    answering = Answering(*(draw[name] for name in Answering._fields))
-    density = log_density(data.answers[..., None], eta, answering)
-    return jnp.where(data.answered[..., None], density, 0.0).sum(axis=axis)
+def _scenes_of_draw(draw: Mapping[str, Any], data: Answers, places: _Places, which: Any) -> Any:
+    """Log likelihood of scenes that nobody has answered."""
+    own, prior = _scene_nodes(draw, places, _SCENE_NODES)
+    eta = _without_scenes(draw, data)[:, which, None] + own[which]
+    some = data._replace(answers=data.answers[:, which], answered=data.answered[:, which])
+    return _log_sum(_density(draw, some, eta).sum(axis=0) + prior[which])
+
+
+def _participants_of_draw(
+    draw: Mapping[str, Any], data: Answers, places: _Places, which: Any
+) -> Any:
+    """Log likelihood of participants, by what the others answered."""
+    scenes, prior = _scene_nodes(draw, places, _KNOWN_SCENE_NODES)
+    each = _density(draw, data, _without_scenes(draw, data)[..., None] + scenes)
+    others = each.sum(axis=0) + prior - each[which]
+    others -= _log_sum(others)[..., None]
+    u, v, weights = (values[which] for values in _participant_nodes(draw, places))
+    line = draw["intercept"] + u[:, None] + v[:, None] * data.x[:, None]
+    eta = line[:, :, None] + scenes[:, :, None]
+    some = data._replace(answers=data.answers[which], answered=data.answered[which])
+    predicted = jax.nn.logsumexp(_density(draw, some, eta) + others[..., None], axis=2)
+    return _log_sum(predicted.sum(axis=1) + weights)
+
+
+def _log_sum(values: Any) -> Any:
+    """Logarithm of the sum over nodes."""
+    return jax.nn.logsumexp(values, axis=-1)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -202,22 +232,24 @@ def _over_draws(one: Callable[..., Any], drawn: Mapping[str, Any], *rest: Any) -
 
 
 class _Kind(NamedTuple):
-    """A kind of unit: its axis, where its effects lie, and its likelihood by one draw."""
+    """A kind of unit: its axis, its likelihood by one draw, and by how many of them it is had."""
 
     axis: int
-    places: Callable[[Posterior, Answers], _Places]
     of_draw: Callable[..., Any]
+    most_draws: int
 
-    def likelihood(self, posterior: Posterior, data: Answers, places: _Places) -> Array:
-        """Log likelihood of each unit without its own effects, shape [draw_count, unit_count]."""
-        drawn = {name: posterior.flat(name) for name in _DRAWN}
-        return np.asarray(_over_draws(self.of_draw, drawn, data, places), dtype=float)
+    def likelihood(
+        self, posterior: Posterior, data: Answers, places: _Places, which: NDArray[np.intp]
+    ) -> Array:
+        """Log likelihood of some units without their own effects, a row a draw."""
+        drawn = {name: posterior.flat(name, self.most_draws) for name in _DRAWN}
+        return np.asarray(_over_draws(self.of_draw, drawn, data, places, which), dtype=float)
 
 
 _DRAWN = ("intercept", "slope", "spread_intercept", "spread_slope", "spread_scene",
-          "participant_intercept", "participant_slope", "scene", *Answering._fields)  # fmt: skip
+          "participant_intercept", "participant_slope", *Answering._fields)  # fmt: skip
 
 _KINDS: dict[Unit, _Kind] = {
-    "scenes": _Kind(1, _scene_places, _scenes_of_draw),
-    "participants": _Kind(0, _participant_places, _participants_of_draw),
+    "scenes": _Kind(1, _scenes_of_draw, 4000),
+    "participants": _Kind(0, _participants_of_draw, 500),
 }
