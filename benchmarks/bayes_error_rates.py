@@ -13,22 +13,23 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
-from itertools import combinations
 from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
+from statsmodels.stats.multitest import multipletests
 
 from benchmarks.error_rates import SIZES, SPREAD, STEEP, World, percent, table
 from pourcast.statistics.jackknife import LEVEL
 from pourcast.statistics.leave_out import Unit, leave_out
 from pourcast.statistics.liquid_effect import HALVES, BothLiquids, liquid_model
-from pourcast.statistics.loo import TOLD
-from pourcast.statistics.nuts import Sampler, Sampling
+from pourcast.statistics.loo import compare_pairs
+from pourcast.statistics.nuts import Sampler
 from pourcast.statistics.ordered_beta import predictor
 from pourcast.statistics.response_model import Answers, response_model
+from pourcast.statistics.sampling import Sampling
 
 Array = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ def sampler() -> Sampler:
 
 
 def differences(world: World, unit: Unit, seed: int) -> Array:
-    """Differences of elpd between all pairs of models in one study, in standard errors.
+    """Differences of elpd between all pairs of models in one study.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def differences(world: World, unit: Unit, seed: int) -> Array:
     Returns
     -------
     ndarray
-        Shape [pair_count].
+        Differences in standard errors, and p, shape [2, pair_count].
     """
     rng = np.random.default_rng(seed)
     judgments, models = world.draw_scenes(rng)
@@ -73,12 +74,12 @@ def differences(world: World, unit: Unit, seed: int) -> Array:
         leave_out(unit, sampler(), posterior, one).elpd
         for posterior, one in zip(sampler().posteriors(data, seed), data, strict=True)
     ]
-    each = np.array([first - second for first, second in combinations(elpd, 2)])
-    return each.sum(axis=1) / (np.sqrt(each.shape[1]) * each.std(axis=1, ddof=1))
+    _, _, found = compare_pairs(np.stack(elpd))
+    return np.stack([found.value / np.sqrt(found.variance), found.p])
 
 
-def told(world: World, unit: Unit, studies: int, workers: int = 1) -> tuple[float, float]:
-    """Of equally good models: share of pairs that are told apart, and of studies with such a pair.
+def told(world: World, unit: Unit, studies: int, workers: int = 1) -> tuple[float, float, float]:
+    """How often equally good models are told apart.
 
     Parameters
     ----------
@@ -90,11 +91,21 @@ def told(world: World, unit: Unit, studies: int, workers: int = 1) -> tuple[floa
         How many.
     workers
         Processes, each on a core.
+
+    Returns
+    -------
+    float, float, float
+        Shares of pairs that differ by more than two standard errors, of pairs with p < .05, and of
+        studies with a pair that is told (Holm).
     """
     cases = [(world, unit, seed) for seed in range(studies)]
-    found = over_studies(differences, cases, workers)
-    apart = np.abs(found) > TOLD
-    return float(apart.mean()), float(apart.any(axis=1).mean())
+    errors, p = over_studies(differences, cases, workers).transpose(1, 0, 2)
+    holm = [multipletests(one, method="holm")[0].any() for one in p]
+    return (
+        float((np.abs(errors) > 2.0).mean()),
+        float((p < 1.0 - LEVEL).mean()),
+        float(np.mean(holm)),
+    )
 
 
 SENSITIVITIES = (0.0, 0.3, 0.6)
@@ -185,7 +196,8 @@ def table_of_loo(sizes: Sequence[tuple[int, int]], studies: int, workers: int) -
             world = World(people, scenes, MODELS * (near,), steepness=steep)
             found = told(world, "scenes", studies, workers)
             rows.append([f"{people} x {scenes}", f"{near:g}", SPREAD[steep], *map(percent, found)])
-    heads = ["study", "nearness", "judgments", "one pair, > 2 SE", f"any pair of {MODELS} models"]
+    heads = ["study", "nearness", "judgments", "one pair, > 2 SE", "one pair, p < .05",
+             f"any pair of {MODELS} models (Holm)"]  # fmt: skip
     return table(heads, rows)
 
 

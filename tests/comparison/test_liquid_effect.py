@@ -6,7 +6,7 @@ import pytest
 from pourcast.comparison import liquid_effect
 from pourcast.comparison.agreement import PeopleAndModels, Settings
 from pourcast.progress import no_report
-from pourcast.statistics.nuts import Sampling
+from pourcast.statistics.sampling import Sampling
 from pourcast.study.experiments.registry import EXPERIMENTS
 from pourcast.study.responses import Trials
 from tests.comparison.make import voronoi_scenes
@@ -81,7 +81,7 @@ def test_participants_of_one_liquid_each_have_no_effect_of_it():
 
 def test_the_table_has_a_row_a_model(monkeypatch):
     monkeypatch.setattr(
-        "pourcast.statistics.nuts.Sampling",
+        "pourcast.comparison.liquid_effect.Sampling",
         lambda seed: Sampling(warmup=100, draws=100, chains=2, seed=seed),
     )
     table = liquid_effect.liquid_effect_table(two_liquids(), EXP2, Settings(), no_report)

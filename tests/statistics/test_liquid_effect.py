@@ -5,7 +5,7 @@ import pytest
 from benchmarks.bayes_error_rates import both_liquids, sensed
 
 from pourcast.statistics.liquid_effect import liquid_effects
-from pourcast.statistics.nuts import Sampling
+from pourcast.statistics.sampling import Sampling
 
 
 def test_sensitivity_is_found_with_its_sign():

@@ -21,6 +21,7 @@ from pourcast.scenes.liquids.registry import called, resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
 from pourcast.statistics.jackknife import FEWEST
+from pourcast.statistics.sampling import Sampling
 from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import (
@@ -148,7 +149,7 @@ TABLES = {
     "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
     "carried": "Parameters chosen in another experiment, carried over unchanged",
     "loo": "Likelihood of single answers: models by leave-one-out, the best first",
-    "loo_differences": "Likelihood of single answers: which model is told from which, by 2 SE",
+    "loo_differences": "Likelihood of single answers: which model is told from which",
     "liquid_effect": "People's sensitivity to what models say that the liquid changes",
     "posterior": "Likelihood of single answers: parameters of the response model, with intervals",
     "variance": "Variance of deterministic judgments over the window of dampings",
@@ -306,7 +307,6 @@ def _bayes(
     """Models compared by the likelihood of single answers, for each liquid."""
     # JAX is loaded only for this.
     from pourcast.statistics.loo import compare_models  # noqa: PLC0415
-    from pourcast.statistics.nuts import Sampling  # noqa: PLC0415
 
     parts: dict[str, list[pd.DataFrame]] = {"loo": [], "loo_differences": [], "posterior": []}
     for one in people:

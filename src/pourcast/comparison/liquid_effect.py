@@ -14,6 +14,7 @@ from pourcast.comparison.agreement import PeopleAndModels, Settings
 from pourcast.progress import Report
 from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.jackknife import FEWEST
+from pourcast.statistics.sampling import Sampling
 from pourcast.study.experiments.base import Experiment, observer_model
 
 Array = NDArray[np.float64]
@@ -52,7 +53,6 @@ def liquid_effect_table(
     """
     # JAX is loaded only for this.
     from pourcast.statistics.liquid_effect import liquid_effects  # noqa: PLC0415
-    from pourcast.statistics.nuts import Sampling  # noqa: PLC0415
 
     tables = []
     for one, other in combinations(people, 2):

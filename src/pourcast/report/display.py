@@ -37,7 +37,7 @@ HEADINGS = {
     "elpd": "elpd (LOO)",
     "elpd_diff": "below the best",
     "dse": "se of that",
-    "told": "told apart (2 SE)",
+    "told": "told apart (Holm)",
     "p_loo": "effective parameters",
     "largest_k": "largest Pareto k",
     "r_hat": "R-hat",

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from pourcast.progress import Report, no_report
 from pourcast.statistics.jackknife import LEVEL
-from pourcast.statistics.nuts import Posterior, Sampler, Sampling
+from pourcast.statistics.nuts import Posterior, Sampler
 from pourcast.statistics.ordered_beta import (
     log_density,
     predictor,
@@ -34,6 +34,7 @@ from pourcast.statistics.ordered_beta import (
     sample_coefficient,
     sample_effects,
 )
+from pourcast.statistics.sampling import Sampling
 
 Array = NDArray[np.float64]
 
