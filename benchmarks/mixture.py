@@ -31,9 +31,9 @@ from pourcast.statistics.mixture import (
     share_of,
     spread_of,
 )
-from pourcast.statistics.nuts import Sampling
 from pourcast.statistics.observer import Population
 from pourcast.statistics.ordered_beta import LAPSE_ENDS, predictor
+from pourcast.statistics.sampling import Sampling
 
 Array = NDArray[np.float64]
 Drawn = dict[str, Any]

@@ -6,7 +6,7 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from pourcast.comparison.compare import _doubts_of_posteriors
+from pourcast.comparison.compare import _not_converged
 from pourcast.statistics import leave_out as module
 from pourcast.statistics.leave_out import UNITS, largest_k, leave_out
 from pourcast.statistics.loo import compare_models, stacking_weights, units_of
@@ -153,7 +153,7 @@ def test_posteriors_that_are_not_to_be_relied_on_are_told():
         good | {"model": "d", "divergences": 3},
         good | {"model": "d", "divergences": 3},
     ]
-    told = list(_doubts_of_posteriors(pd.DataFrame(rows)))
+    told = list(_not_converged(pd.DataFrame(rows), ""))
     assert [doubt.split(":")[1].split()[-2] for doubt in told] == ["b", "c", "d"]
     assert "R-hat 1.020" in told[0]
     assert "300 draws" in told[1]

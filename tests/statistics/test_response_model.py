@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from pourcast.statistics.nuts import Sampler, Sampling
+from pourcast.statistics.nuts import Sampler
 from pourcast.statistics.response_model import PARAMETERS, Answers, response_model
+from pourcast.statistics.sampling import Sampling
 from tests.statistics.test_likelihood import TRUE, draw
 
 

@@ -65,7 +65,7 @@ CarryOption = Annotated[
 ]
 BayesOption = Annotated[
     bool,
-    typer.Option("--bayes", help="Also the likelihood of single answers, by PSIS-LOO; minutes."),
+    typer.Option("--bayes", help="Also the likelihood of single answers, a mixed model; minutes."),
 ]
 
 
@@ -167,7 +167,8 @@ _PRINTED = {
     "choice": ("model", "liquid", "r", "r_paper"),
     "carried": ("model", "r", "r_where_fitted"),
     "cross_validation": ("model", "liquid", "in_sample", "train", "test", "optimism"),
-    "loo": ("model", "elpd_loo", "elpd_diff", "dse", "weight"),
+    "loo": ("model", "unit", "elpd", "elpd_diff", "dse", "told", "refitted"),
+    "liquid_effect": ("model", "liquid", "other", "sensitivity", "probability", "relative"),
     "variance": ("model", "variance"),
     "variance_tests": ("model", "rival", "t", "df", "p"),
 }

@@ -50,7 +50,7 @@ def mixture(
     from pourcast.tables import write_table
 
     require_extra("bayes")
-    from pourcast.statistics.nuts import Sampling
+    from pourcast.statistics.sampling import Sampling
 
     if out is not None:
         check_writable(out / "shares.csv")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pourcast.comparison import agreement, choice, stimulus, window
+from pourcast.comparison import agreement, choice, liquid_effect, stimulus, window
 from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.comparison.answer import answers
 from pourcast.comparison.candidates import Candidates, candidates
@@ -24,6 +24,7 @@ from pourcast.scenes.liquids.registry import called, resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
 from pourcast.statistics.jackknife import FEWEST
+from pourcast.statistics.sampling import Sampling
 from pourcast.study.experiments.base import Experiment, truth_of
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.responses import Exclusion, exclude
@@ -155,7 +156,8 @@ TABLES = {
     "cross_validation": "Parameters chosen on half of the scenes, scored on the other half",
     "carried": "Parameters chosen in another experiment, carried over unchanged",
     "loo": "Likelihood of single answers: models by leave-one-out, the best first",
-    "loo_differences": "Likelihood of single answers: which model is told from which, by 2 SE",
+    "loo_differences": "Likelihood of single answers: which model is told from which",
+    "liquid_effect": "People's sensitivity to what models say that the liquid changes",
     "posterior": "Likelihood of single answers: parameters of the response model, with intervals",
     "variance": "Variance of deterministic judgments over the window of dampings",
     "variance_tests": "Unpaired t-tests between these variances",
@@ -299,7 +301,7 @@ def compare_study(
     individuals = agreement.individuals(people, settings)
     tables = _tables(people, judged, sets, settings, individuals, report)
     if options.bayes:
-        tables |= _bayes(people, settings, report)
+        tables |= _bayes(people, experiment, settings, report)
     if options.carried is not None:
         tables["carried"] = choice.carried_table(compared(carried), options.carried, settings)
     return Comparison(
@@ -321,6 +323,7 @@ def compare_study(
             *_fitted_remarks(people),
             *read.remarks,
             *_doubts(tables, judged, people, individuals, settings),
+            *_doubts_of_posteriors(tables, people, experiment),
         ),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
@@ -407,12 +410,14 @@ def _tables(
 
 
 def _bayes(
-    people: Sequence[PeopleAndModels], settings: Settings, report: Report
+    people: Sequence[PeopleAndModels],
+    experiment: Experiment | None,
+    settings: Settings,
+    report: Report,
 ) -> dict[str, pd.DataFrame]:
     """Models compared by the likelihood of single answers, for each liquid."""
     # JAX is loaded only for this.
     from pourcast.statistics.loo import compare_models  # noqa: PLC0415
-    from pourcast.statistics.nuts import Sampling  # noqa: PLC0415
 
     parts: dict[str, list[pd.DataFrame]] = {"loo": [], "loo_differences": [], "posterior": []}
     for one in people:
@@ -424,7 +429,10 @@ def _bayes(
             parts.values(), (fit.loo, fit.differences, fit.parameters), strict=True
         ):
             part.append(_labelled(table, one))
-    return {name: pd.concat(part, ignore_index=True) for name, part in parts.items()}
+    tables = {name: pd.concat(part, ignore_index=True) for name, part in parts.items()}
+    return tables | {
+        "liquid_effect": liquid_effect.liquid_effect_table(people, experiment, settings, report)
+    }
 
 
 def _labelled(table: pd.DataFrame, one: PeopleAndModels) -> pd.DataFrame:
@@ -480,9 +488,6 @@ def _doubts(
         )
     elif tables["cross_validation"].empty:
         doubts.append(f"no cross-validation: it needs at least {choice.FEWEST_SCENES} scenes")
-    if "posterior" in tables:
-        doubts += _doubts_of_posteriors(tables["posterior"])
-        doubts += [_unknown_loo(one.trials) for one in people]
     for one in people:
         doubts += [
             agreement.unknown_intervals(one.trials, settings, tables["agreement"]),
@@ -496,7 +501,23 @@ def _doubts(
     return [doubt for doubt in doubts if doubt]
 
 
-def _doubts_of_posteriors(table: pd.DataFrame) -> Iterator[str]:
+def _doubts_of_posteriors(
+    tables: dict[str, pd.DataFrame],
+    people: Sequence[PeopleAndModels],
+    experiment: Experiment | None,
+) -> list[str]:
+    """What of the likelihood of single answers is not to be relied on, or is not there, and why."""
+    if "posterior" not in tables:
+        return []
+    doubts = list(_not_converged(tables["posterior"], ""))
+    if len(effects := tables["liquid_effect"]):
+        doubts += _not_converged(effects, " of the liquid's effect")
+    doubts += [_unknown_loo(one.trials) for one in people]
+    doubts += liquid_effect.unknown_liquid_effects(people, experiment)
+    return [doubt for doubt in doubts if doubt]
+
+
+def _not_converged(table: pd.DataFrame, what: str) -> Iterator[str]:
     """Which posteriors are not to be relied on, and why."""
     for (liquid, model), rows in table.groupby(["liquid", "model"], sort=False):
         why = []
@@ -507,7 +528,7 @@ def _doubts_of_posteriors(table: pd.DataFrame) -> Iterator[str]:
         if divergences := rows["divergences"].max():
             why.append(f"{divergences} of its trajectories diverged")
         if why:
-            yield f"{liquid}: trust the posterior of {model} less: {', '.join(why)}"
+            yield f"{liquid}: trust the posterior{what} by {model} less: {', '.join(why)}"
 
 
 def _unknown_loo(trials: Trials) -> str:

@@ -23,7 +23,7 @@ from pourcast.sweep.judgments import judge_in_study, study_judgments, sweep_word
 
 if TYPE_CHECKING:
     from pourcast.statistics.mixture import Head, Mixture
-    from pourcast.statistics.nuts import Sampling
+    from pourcast.statistics.sampling import Sampling
 
 Array = NDArray[np.float64]
 

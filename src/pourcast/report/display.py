@@ -36,12 +36,18 @@ HEADINGS = {
     "chosen": "chosen most often",
     "r_where_fitted": "r where fitted",
     "within_one_step": "within one step",
-    "elpd_loo": "elpd (LOO)",
+    "unit": "left out",
+    "elpd": "elpd (LOO)",
     "elpd_diff": "below the best",
     "dse": "se of that",
+    "told": "told apart (Holm)",
     "p_loo": "effective parameters",
-    "pareto_k_bad": "Pareto k > 0.7",
+    "largest_k": "largest Pareto k",
     "r_hat": "R-hat",
+    "ess_bulk": "effective draws",
+    "ess_tail": "effective draws, tails",
+    "probability": "P(above 0)",
+    "relative": "over the slope between scenes",
 }
 
 _HIDDEN = ("spec",)

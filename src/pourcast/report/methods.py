@@ -6,6 +6,8 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
+import pandas as pd
+
 import pourcast
 from pourcast.comparison.compare import Comparison
 from pourcast.files import finished_files
@@ -14,6 +16,7 @@ from pourcast.scenes.liquids.registry import called
 from pourcast.simulation.run import engine_version
 from pourcast.simulation.settings import EngineSettings
 from pourcast.statistics.jackknife import over_words
+from pourcast.statistics.sampling import Sampling
 from pourcast.study.chosen import CHOSEN_FILE
 from pourcast.study.trials import Trials
 
@@ -21,6 +24,12 @@ ENGINE = EngineSettings()
 """What `comparison.compare` judges with: the settings as they come."""
 
 LIBRARIES = ("numpy", "scipy", "pandas", "statsmodels", "numba", "matplotlib")
+
+
+BAYES_LIBRARIES = ("numpyro", "jax", "arviz-stats")
+
+SAMPLING = Sampling()
+"""What `comparison.compare` draws of posteriors."""
 
 
 def methods(comparison: Comparison) -> str:
@@ -45,7 +54,7 @@ def methods(comparison: Comparison) -> str:
         "share of explainable variance, are over scenes. Single participants were compared with "
         "responses to the same scenes drawn from a beta distribution fitted by moments to all "
         "responses (10,000 draws; two-sample Kolmogorov-Smirnov test), and all together with "
-        f"10,000 permutations of the scenes. {_choice(comparison)}"
+        f"10,000 permutations of the scenes. {_choice(comparison)}{_bayes(comparison)}"
         f"The seed of all draws was {settings.seed}."
     )
 
@@ -87,6 +96,32 @@ def _choice(comparison: Comparison) -> str:
     return f"{chosen}, and cross-validated on random halves of the scenes. "
 
 
+def _bayes(comparison: Comparison) -> str:
+    """How the likelihood of single answers was had, if it was."""
+    if "posterior" not in comparison.tables:
+        return ""
+    loo = comparison.tables.get("loo", pd.DataFrame({"unit": [], "refitted": []}))
+    left_out = [
+        f"{unit} were left out one at a time, with their effects integrated out (Pareto-smoothed "
+        f"importance sampling; {rows['refitted'].sum()} fits without one of them where Pareto k "
+        "was high)"
+        for unit, rows in loo.groupby("unit", sort=False)
+    ]
+    libraries = ", ".join(f"{name} {version(name)}" for name in BAYES_LIBRARIES)
+    effect = (
+        "People's sensitivity to the liquid is their slope on the difference between a model's "
+        "judgments of both, in a model of both liquids with effects of participants and scenes on "
+        "that difference. "
+    )
+    return (
+        "Single answers were fitted by ordered beta regression with normal effects of "
+        "participants (intercept and slope) and of scenes (intercept), by NUTS with "
+        f"{SAMPLING.chains} chains of {SAMPLING.warmup} + {SAMPLING.draws} draws ({libraries})"
+        f"{''.join(f'; {part}' for part in left_out)}. "
+        f"{effect if 'liquid_effect' in comparison.tables else ''}"
+    )
+
+
 def _counts(comparison: Comparison) -> str:
     counts = [
         f"{_people(one.trials)} {len(one.trials.scenes)} scenes of {called(one.trials.liquid)}"
@@ -123,6 +158,7 @@ def provenance(comparison: Comparison) -> list[tuple[str, str]]:
         ("engine", engine_version()),
         ("Python", platform.python_version()),
         *((name, version(name)) for name in LIBRARIES),
+        *((name, version(name)) for name in BAYES_LIBRARIES if "posterior" in comparison.tables),
         ("seed of random draws", str(settings.seed)),
         ("intervals and tests", f"over {over_words(settings.over)}"),
         (f"responses: {path.name}", f"sha256 {digest}"),

@@ -220,6 +220,23 @@ def jackknife(responses: Array, measure: Measure, over: Over) -> Estimate:
     return Estimate(value, variance, np.clip(df, 1.0, max(people, scenes) - 1.0))
 
 
+def over_units(each: Array) -> Estimate:
+    """Sums over units, such as scenes, that others might have been in the place of.
+
+    Parameters
+    ----------
+    each
+        What each unit adds, shape [unit_count, sum_count].
+
+    Returns
+    -------
+    Estimate
+        Arrays of shape [sum_count].
+    """
+    n = len(each)
+    return Estimate(each.sum(axis=0), *_spread(each * (n / (n - 1.0))))
+
+
 def r_interval(responses: Array, models: Array, over: Over, level: float) -> tuple[Array, Array]:
     """Interval of each model's correlation with people's mean judgments.
 

@@ -3,23 +3,22 @@
 Needs the extra ``pourcast[bayes]``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from statsmodels.stats.multitest import multipletests
 
 from pourcast.progress import Report, no_report
-from pourcast.statistics.jackknife import FEWEST, LEVEL
+from pourcast.statistics.jackknife import FEWEST, LEVEL, Estimate, over_units
 from pourcast.statistics.leave_out import UNITS, LeftOut, Unit, leave_out
-from pourcast.statistics.nuts import Posterior, Sampler, Sampling
+from pourcast.statistics.nuts import Posterior, Sampler
 from pourcast.statistics.response_model import PARAMETERS, Answers, response_model
+from pourcast.statistics.sampling import Sampling
 
 Array = NDArray[np.float64]
-
-TOLD = 2.0
-"""Standard errors of a difference by which one model is told from another."""
 
 _STEPS = 10_000
 """Of the weights' iteration."""
@@ -34,13 +33,13 @@ class LooComparison:
     loo
         A row a model and `unit` (what was left out, `scenes` or `participants`), the best first:
         `elpd` (log density of all answers), `se`, `elpd_diff` (below the best), `dse`, `told` (from
-        the best, by two standard errors; yes or no), `p_loo` (effective parameters), `weight`
-        (stacking), `largest_k` (Pareto k), `refitted` (units whose k was too high, and without
-        which the model was fitted again), `divergences` (of the posterior of all answers).
-        Standard errors are over units.
+        the best; yes or no), `p_loo` (effective parameters), `weight` (stacking), `largest_k`
+        (Pareto k), `refitted` (units whose k was too high, and without which the model was fitted
+        again), `divergences` (of the posterior of all answers). Standard errors are over units.
     differences
         A row a pair of models and unit: `model`, `rival`, `difference` (the model's elpd minus the
-        rival's), `se`, `told`.
+        rival's), `se`, `p` (two-sided, Student's t), `p_holm` (for all pairs of the unit), `told`
+        (whether that is below one minus the level).
     parameters
         A row a model and a parameter. See `nuts.Posterior.summary`.
     """
@@ -73,7 +72,7 @@ def compare_models(
     report
         Told of the progress.
     level
-        Of the parameters' intervals.
+        Of the parameters' intervals, and of telling models apart.
     """
     sampler = Sampler(response_model, sampling)
     data = [Answers.of(responses, judgments) for judgments in models.values()]
@@ -88,9 +87,13 @@ def compare_models(
             left_out[unit][name] = leave_out(unit, sampler, posterior, one)
     parameters = pd.concat(summaries, ignore_index=True)
     divergences = dict(zip(parameters["model"], parameters["divergences"], strict=True))
-    loo = [row for unit in units for row in _rows(unit, left_out[unit], divergences)]
-    pairs = [row for unit in units for row in _pairs(unit, left_out[unit])]
-    return LooComparison(pd.DataFrame(loo), pd.DataFrame(pairs), parameters)
+    tables = [_of_unit(unit, left_out[unit], divergences, level) for unit in units]
+    loo, pairs = (_stacked([one[k] for one in tables]) for k in range(2))
+    return LooComparison(loo, pairs, parameters)
+
+
+def _stacked(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
 def units_of(responses: Array) -> list[Unit]:
@@ -138,59 +141,68 @@ def _summary(name: str, posterior: Posterior, level: float) -> pd.DataFrame:
     return summary
 
 
-def _error(each: Array) -> float:
-    """Standard error of a sum over units."""
-    return float(np.sqrt(len(each)) * each.std(ddof=1))
+def compare_pairs(elpd: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Estimate]:
+    """Differences of elpd between all pairs of models, over units.
+
+    Errors are those of a sum over units, with Student's t: two standard errors are too few where
+    there are thirty units, and fewer still where few of them decide.
+
+    Parameters
+    ----------
+    elpd
+        Of each unit, shape [model_count, unit_count].
+
+    Returns
+    -------
+    ndarray, ndarray, Estimate
+        Numbers of both models, and the first's elpd minus the second's; shape [pair_count].
+    """
+    first, second = np.triu_indices(len(elpd), 1)
+    return first, second, over_units((elpd[first] - elpd[second]).T)
 
 
-def _told(difference: float, error: float) -> str:
-    return "yes" if abs(difference) > TOLD * error else "no"
-
-
-def _rows(
-    unit: Unit, left_out: Mapping[str, LeftOut], divergences: Mapping[str, int]
-) -> Sequence[dict[str, object]]:
+def _of_unit(
+    unit: Unit, left_out: Mapping[str, LeftOut], divergences: Mapping[str, int], level: float
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Both tables of a unit."""
+    names = np.array(list(left_out), dtype=object)
     elpd = np.stack([one.elpd for one in left_out.values()])
-    best = elpd[elpd.sum(axis=1).argmax()]
-    weights = dict(zip(left_out, stacking_weights(elpd), strict=True))
-    rows = []
-    for name in sorted(left_out, key=lambda name: -left_out[name].elpd.sum()):
-        one = left_out[name]
-        below, error = float((best - one.elpd).sum()), _error(best - one.elpd)
-        rows.append(
-            {
-                "unit": unit,
-                "model": name,
-                "elpd": float(one.elpd.sum()),
-                "se": _error(one.elpd),
-                "elpd_diff": below,
-                "dse": error,
-                "told": _told(below, error) if below else "-",
-                "p_loo": float(one.p_loo.sum()),
-                "weight": float(weights[name]),
-                "largest_k": float(one.k.max()),
-                "refitted": int(one.refitted.sum()),
-                "divergences": int(divergences[name]),
-            }
-        )
-    return rows
-
-
-def _pairs(unit: Unit, left_out: Mapping[str, LeftOut]) -> Sequence[dict[str, object]]:
-    names = list(left_out)
-    rows = []
-    for first, name in enumerate(names):
-        for rival in names[first + 1 :]:
-            each = left_out[name].elpd - left_out[rival].elpd
-            difference, error = float(each.sum()), _error(each)
-            rows.append(
-                {
-                    "unit": unit,
-                    "model": name,
-                    "rival": rival,
-                    "difference": difference,
-                    "se": error,
-                    "told": _told(difference, error),
-                }
-            )
-    return rows
+    first, second, found = compare_pairs(elpd)
+    holm = multipletests(found.p, method="holm")[1] if len(first) else found.p
+    told = np.where(holm < 1.0 - level, "yes", "no")
+    pairs = pd.DataFrame(
+        {
+            "unit": unit,
+            "model": names[first],
+            "rival": names[second],
+            "difference": found.value,
+            "se": np.sqrt(found.variance),
+            "p": found.p,
+            "p_holm": holm,
+            "told": told,
+        }
+    )
+    best = int(elpd.sum(axis=1).argmax())
+    from_best = {
+        (set(pair) - {best}).pop(): word
+        for *pair, word in zip(first.tolist(), second.tolist(), told, strict=True)
+        if best in pair
+    }
+    below = over_units((elpd[best] - elpd).T)
+    loo = pd.DataFrame(
+        {
+            "unit": unit,
+            "model": names,
+            "elpd": elpd.sum(axis=1),
+            "se": np.sqrt(over_units(elpd.T).variance),
+            "elpd_diff": below.value,
+            "dse": np.sqrt(below.variance),
+            "told": [from_best.get(number, "-") for number in range(len(names))],
+            "p_loo": [one.p_loo.sum() for one in left_out.values()],
+            "weight": stacking_weights(elpd),
+            "largest_k": [one.k.max() for one in left_out.values()],
+            "refitted": [one.refitted.sum() for one in left_out.values()],
+            "divergences": [divergences[name] for name in names],
+        }
+    )
+    return loo.sort_values("elpd", ascending=False, kind="stable"), pairs

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from numpyro import handlers
 from numpyro.infer import NUTS, HMCGibbs, init_to_median
 
-from pourcast.statistics.nuts import Posterior, Sampler, Sampling
+from pourcast.statistics.nuts import Posterior, Sampler
 from pourcast.statistics.ordered_beta import (
     Answering,
     log_density,
@@ -42,6 +42,7 @@ from pourcast.statistics.ordered_beta import (
     sample_coefficient,
     sample_effects,
 )
+from pourcast.statistics.sampling import Sampling
 
 Array = NDArray[np.float64]
 

@@ -20,6 +20,7 @@ from numpyro.infer import MCMC, NUTS, init_to_median
 from platformdirs import user_cache_dir
 
 from pourcast.cores import available_cores
+from pourcast.statistics.sampling import Sampling
 
 # Compiling takes ten seconds: the next process finds it done.
 jax.config.update("jax_compilation_cache_dir", user_cache_dir("pourcast-jax"))
@@ -28,26 +29,6 @@ Array = NDArray[np.float64]
 
 _TAILS = (0.05, 0.95)
 """Quantiles whose effective sample size is that of the tails."""
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How the posterior is drawn.
-
-    Parameters
-    ----------
-    warmup, draws
-        Steps of each chain before and after adaptation.
-    chains
-        Number of chains.
-    seed
-        Source of all randomness.
-    """
-
-    warmup: int = 500
-    draws: int = 1000
-    chains: int = 4
-    seed: int = 0
 
 
 @dataclass(frozen=True)

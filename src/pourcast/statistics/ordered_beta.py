@@ -77,7 +77,9 @@ def stretch(spread: Any, information: Any) -> Any:
     return jnp.sqrt(1.0 + information * spread**2)
 
 
-def sample_effects(name: str, spread: Any, information: Any, design: Any, inverse: Any) -> Any:
+def sample_effects(
+    name: str, spread: Any, information: Any, design: Any, inverse: Any
+) -> tuple[Any, Any]:
     """Draw independent normal effects of participants, or of scenes, about 0.
 
     Where answers say little of an effect, a chain moves well through effect / spread; where they
