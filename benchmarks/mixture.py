@@ -9,7 +9,6 @@ answer as `statistics.observer` has it, not as the mixture does, 70 % with one m
 """
 
 import argparse
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -190,9 +189,7 @@ def recovery(seed: int) -> dict[str, float]:
     )
     population = Population()
     answers = population.respond(judged, population.draw(people, rng), rng)
-    started = time.perf_counter()
     found = MixtureModel(heads, USUAL).fit(answers, seed=seed)
-    seconds = time.perf_counter() - started
     own = found.probabilities()
     values = [v.mean() if len(v) else np.nan for v in found.values("simulation", "zeta")]
     known = first & np.isfinite(values)
@@ -204,7 +201,6 @@ def recovery(seed: int) -> dict[str, float]:
         "zeta_r": float(np.corrcoef(np.array(values)[known], zeta[known])[0, 1]),
         "r_hat": float(summary["r_hat"].max()),
         "divergences": float(found.posterior.divergences),
-        "seconds": seconds,
     }
 
 
@@ -241,11 +237,10 @@ def main() -> None:
     print(table(["estimated", "p (uniform ranks)", "held by 95 % intervals (%)"], rows), "\n")
     print(RECOVERY.format(settings=17 * 12))
     heads = ["planted (%)", "found (%)", "heads told rightly (%)", "r of their zeta",
-             "largest R-hat", "divergent draws of 3,200", "seconds"]  # fmt: skip
+             "largest R-hat", "divergent draws of 3,200"]  # fmt: skip
     rows = [
         [f"{100 * one['planted']:.0f}", f"{100 * one['share']:.0f}", f"{100 * one['right']:.0f}",
-         f"{one['zeta_r']:.2f}", f"{one['r_hat']:.3f}", f"{one['divergences']:.0f}",
-         f"{one['seconds']:.0f}"]
+         f"{one['zeta_r']:.2f}", f"{one['r_hat']:.3f}", f"{one['divergences']:.0f}"]
         for one in studies
     ]  # fmt: skip
     print(table(heads, rows))
