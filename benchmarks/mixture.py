@@ -221,29 +221,30 @@ def main() -> None:
     asked = parser.parse_args()
     people, scenes = 12, 30
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
-        found = calibration(asked.studies, people, scenes, pool.map)
-        studies = list(pool.map(recovery, range(asked.recovered)))
-    print(
-        HEAD.format(
-            studies=asked.studies,
-            people=people,
-            scenes=scenes,
-            ranks=RANKS,
-            count=len(found),
-            expected=1.0 / (len(found) + 1),
-        )
-    )
+        print(calibration_page(asked.studies, 12, 30, pool.map), flush=True)
+        print(recovery_page(asked.recovered, pool.map))
+
+
+def calibration_page(studies: int, people: int, scenes: int, over: Callable[..., Any]) -> str:
+    found = calibration(studies, people, scenes, over)
+    head = HEAD.format(
+        studies=studies, people=people, scenes=scenes, ranks=RANKS, count=len(found),
+        expected=1.0 / (len(found) + 1),
+    )  # fmt: skip
     rows = [[row.estimated, f"{row.p:.3f}", f"{100 * row.held:.1f}"] for row in found.itertuples()]
-    print(table(["estimated", "p (uniform ranks)", "held by 95 % intervals (%)"], rows), "\n")
-    print(RECOVERY.format(settings=17 * 12))
-    heads = ["planted (%)", "found (%)", "heads told rightly (%)", "r of their zeta",
-             "largest R-hat", "divergent draws of 3,200"]  # fmt: skip
+    heads = ["estimated", "p (uniform ranks)", "held by 95 % intervals (%)"]
+    return f"{head}\n{table(heads, rows)}\n"
+
+
+def recovery_page(studies: int, over: Callable[..., Any]) -> str:
     rows = [
         [f"{100 * one['planted']:.0f}", f"{100 * one['share']:.0f}", f"{100 * one['right']:.0f}",
          f"{one['zeta_r']:.2f}", f"{one['r_hat']:.3f}", f"{one['divergences']:.0f}"]
-        for one in studies
+        for one in over(recovery, range(studies))
     ]  # fmt: skip
-    print(table(heads, rows))
+    heads = ["planted (%)", "found (%)", "heads told rightly (%)", "r of their zeta",
+             "largest R-hat", "divergent draws of 3,200"]  # fmt: skip
+    return f"{RECOVERY.format(settings=17 * 12)}\n{table(heads, rows)}\n"
 
 
 if __name__ == "__main__":
