@@ -219,7 +219,6 @@ def main() -> None:
     parser.add_argument("--recovered", type=int, default=8)
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
-    people, scenes = 12, 30
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         print(calibration_page(asked.studies, 12, 30, pool.map), flush=True)
         print(recovery_page(asked.recovered, pool.map))
