@@ -30,7 +30,7 @@ def test_compare_prints_and_writes_what_single_answers_say(tmp_path, monkeypatch
     for note in (
         "water: trust the posterior by gravity less: ",
         "water: no leaving out of participants (4): it needs at least 5",
-        "honey: no leaving out of participants (4): it needs at least 5",
+        "honey-exp1: no leaving out of participants (4): it needs at least 5",
         "water and honey: no effect of the liquid: 4 participants judged scenes with both, and it "
         "needs at least 5",
     ):

@@ -250,6 +250,6 @@ _DRAWN = ("intercept", "slope", "spread_intercept", "spread_slope", "spread_scen
           "participant_intercept", "participant_slope", *Answering._fields)  # fmt: skip
 
 _KINDS: dict[Unit, _Kind] = {
-    "scenes": _Kind(1, _scenes_of_draw, 4000),
+    "scenes": _Kind(1, _scenes_of_draw, 2000),
     "participants": _Kind(0, _participants_of_draw, 500),
 }

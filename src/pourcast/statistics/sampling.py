@@ -18,6 +18,6 @@ class Sampling:
     """
 
     warmup: int = 500
-    draws: int = 1000
+    draws: int = 500
     chains: int = 4
     seed: int = 0
