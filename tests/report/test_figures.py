@@ -145,3 +145,15 @@ def test_simulated_figures_say_so_and_the_same_figure_has_the_same_bytes(tmp_pat
         text = found[0][0].read_text()
         assert ("simulated observers" in text) == simulated
     assert re.search(r"<text", text)
+
+
+def test_models_in_heads_are_stacked_to_one():
+    table = pd.DataFrame(
+        {"liquid": ["water", "water", "honey"], "participant": list("abc"),
+         "model": ["one", "other", "own"], "probability": [0.9, 0.6, 1.0],
+         "p_one": [0.9, 0.4, np.nan], "p_other": [0.1, 0.6, np.nan], "p_own": [np.nan, np.nan, 1.0]}
+    )  # fmt: skip
+    figure = people.heads(table)
+    for axes, count in zip(figure.axes, (2, 1), strict=True):
+        assert sum(patch.get_height() for patch in axes.patches) == pytest.approx(count)
+    assert [text.get_text() for text in figure.legends[0].texts] == ["one", "other", "own"]
