@@ -79,6 +79,7 @@ def test_participants_of_one_liquid_each_have_no_effect_of_it():
     assert "0 participants judged scenes with both" in why
 
 
+@pytest.mark.slow
 def test_the_table_has_a_row_a_model(monkeypatch):
     monkeypatch.setattr(
         "pourcast.comparison.liquid_effect.Sampling",

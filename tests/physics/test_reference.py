@@ -40,7 +40,7 @@ def test_every_open_choice_is_what_the_plain_implementation_makes_of_it(choice):
     assert np.abs(ours.position - usual.position).max() > 1e-2
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_judgments_agree_over_120_scenes():
     scenes = filtered_scenes(VoronoiFamily(), 120, 1).scenes
     pours = [Pour(scene, WATER, 50, 5.0) for scene in scenes]

@@ -66,6 +66,7 @@ def participant_known(data, one, who):
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.3, 1.5])
+@pytest.mark.slow
 def test_effects_are_integrated_out(spread, sampler):
     spreads = ("spread_scene", "spread_intercept", "spread_slope")
     answers, judgments = study(3, 8, 12, TRUE | dict.fromkeys(spreads, spread))
@@ -94,6 +95,7 @@ def test_what_answers_say_is_counted():
     assert known == (1.5, 7.5, 1.5)
 
 
+@pytest.mark.slow
 def test_a_unit_whose_weights_are_good_is_predicted_as_by_a_fit_without_it(sampler, monkeypatch):
     data = Answers.of(*study(4, 8, 12))
     posterior = sampler.posterior(*data)
@@ -113,6 +115,7 @@ def test_a_unit_whose_weights_are_good_is_predicted_as_by_a_fit_without_it(sampl
         assert weighted.p_loo.sum() > 0.0
 
 
+@pytest.mark.slow
 def test_the_true_model_wins_and_equally_good_ones_are_not_told():
     rng = np.random.default_rng(1)
     judgments = rng.random(30)
@@ -162,7 +165,7 @@ def test_posteriors_that_are_not_to_be_relied_on_are_told():
     assert "3 of its trajectories diverged" in doubts[2]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_equally_good_models_are_seldom_told_apart():
     # 5 % of 40 studies: more than 6 in 1 of 70 such tests.
     _, wrong, _ = told(World(8, 20, (0.9, 0.9)), "scenes", 40)

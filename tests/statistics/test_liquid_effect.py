@@ -25,7 +25,7 @@ def test_sensitivity_is_found_with_its_sign():
     assert (table[["ess_bulk", "ess_tail"]] >= 400).all(axis=None)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_intervals_of_sensitivity_hold_the_truth():
     # 95 % intervals in 60 studies: fewer than 52 hold it in 1 of 200 such tests.
     held, above = np.mean([sensed((8, 16), 0.0, seed) for seed in range(60)], axis=0)

@@ -95,7 +95,7 @@ def test_what_was_planted_is_found():
     assert (again.posterior.draws["setting"] == found.posterior.draws["setting"]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_it_knows_what_it_does_not_know():
     found = [ranks(seed, 12, 30) for seed in range(30)]
     held = np.mean([held for one in found for _, held in one.values()])

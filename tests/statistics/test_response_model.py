@@ -15,6 +15,7 @@ def study(seed, people=16, scenes=40, true=TRUE):
     return draw(rng, people, judgments, true), judgments
 
 
+@pytest.mark.slow
 def test_parameters_are_recovered_by_chains_that_agree():
     answers, judgments = study(1)
     answers[3, 5] = answers[7, 9] = np.nan
@@ -55,7 +56,7 @@ def test_chains_agree_where_effects_are_small_or_large_or_hardly_known(people):
         assert posterior.divergences <= 2, (spread, flat)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_intervals_are_calibrated():
     # 80 % intervals of the population's parameters over 120 data sets. The true values are
     # fixed, not drawn from the prior, so coverage is near 80 %, not just that.
