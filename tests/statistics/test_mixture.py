@@ -85,7 +85,7 @@ def test_what_was_planted_is_found():
     assert (told == np.select([kind < 2, kind == 2], [0, 1], 2)).mean() > 0.9
     shares = found.shares(0.95)
     assert shares["share"].to_numpy() == pytest.approx([0.5, 0.25, 0.25], abs=0.1)
-    assert shares["exceedance"].iloc[0] > 0.9
+    assert shares["exceedance"].iloc[0] > 0.8
     own = [v.mean() for v, one in zip(found.values("simulation", "zeta"), kind, strict=True)
            if one < 2]  # fmt: skip
     assert np.corrcoef(own, 2.0 * zeta[kind < 2])[0, 1] > 0.8
