@@ -176,6 +176,19 @@ def coverage_of_differences(world: World, over: Over, count: int, seed: int = 0)
     return float(np.mean(held))
 
 
+def false_equivalence(world: World, over: Over, count: int, seed: int = 0) -> float:
+    """Share of studies that show two models to be nearer to one another than they are."""
+
+    def value(responses: Array, models: Array) -> Array:
+        return np.asarray(agreement(mean_judgments(responses), models).r)
+
+    shown = []
+    for responses, models, known in studies_over(world, over, value, count, seed):
+        within = compare_pairs(responses, models, over).equivalence(LEVEL)
+        shown.append(bool(within[0] < abs(known[0] - known[1])))
+    return float(np.mean(shown))
+
+
 def false_stars(world: World, over: Over, count: int, seed: int = 0) -> tuple[float, float]:
     """Among equally good models: shares of studies with a starred pair, of pairs with p < .05."""
     rng, any_star, single = np.random.default_rng(seed), [], []
@@ -359,9 +372,13 @@ def table_of_other_measures(count: int) -> str:
     for size, people, scenes in sized():
         for over in OVERS:
             held = coverage_of_agreement(World(people, scenes, 3 * (0.9,)), over, count)
-            pair = coverage_of_differences(World(people, scenes, (0.95, 0.9)), over, count)
-            rows.append([size, over, *(percent(held[m]) for m in MEASURES[1:]), percent(pair)])
-    return table(["study", "over", *MEASURES[1:], "difference in r"], rows)
+            two = World(people, scenes, (0.95, 0.9))
+            pair = coverage_of_differences(two, over, count)
+            nearer = false_equivalence(two, over, count)
+            own = [percent(held[measure]) for measure in MEASURES[1:]]
+            rows.append([size, over, *own, percent(pair), percent(nearer)])
+    heads = ["study", "over", *MEASURES[1:], "difference in r", "shown to be nearer (at most 5)"]
+    return table(heads, rows)
 
 
 def table_of_reliability(count: int) -> str:
@@ -428,7 +445,8 @@ def table_of_guessers(count: int) -> str:
 SECTIONS: tuple[tuple[str, Callable[[int], str]], ...] = (
     ("## Intervals: how often they hold the truth (%)\n\nr, by how a model's judgments correlate "
      "with what is in the heads:", table_of_r),
-    ("The other measures (of a model of 0.9), and the difference of two models (0.95 and 0.9):",
+    ("The other measures (of a model of 0.9), the difference of two models (0.95 and 0.9), and how "
+     "often these are shown to be equivalent within less than they differ by:",
      table_of_other_measures),
     ("Over scenes, for the people who answered:", table_of_reliability),
     (f"## {MODELS} equally good models: how often some pair is starred (%)\n\n`--over "

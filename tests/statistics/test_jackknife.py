@@ -5,6 +5,7 @@ from benchmarks.error_rates import (
     coverage_of_agreement,
     coverage_of_differences,
     coverage_of_reliability,
+    false_equivalence,
     false_stars,
     fitted_rival,
     guessers,
@@ -231,6 +232,21 @@ def test_intervals_hold_the_truth_as_often_as_they_say(over):
 
 def test_intervals_of_differences_do_too():
     assert coverage_of_differences(World(10, 30, (0.95, 0.9)), "both", 120, seed=1) >= 0.9
+
+
+def test_models_are_seldom_shown_to_be_nearer_than_they_are():
+    world = World(10, 30, (0.95, 0.9))
+    for over in ("both", "scenes"):
+        assert false_equivalence(world, over, 120, seed=1) <= 0.1
+
+
+def test_equivalence_is_the_limit_that_is_further_from_0():
+    truth, responses = study()
+    found = compare_pairs(responses, np.stack([truth, 0.9 * truth + 0.1 * truth**2]), "both")
+    low, high = np.ravel(found.interval(0.9))
+    assert found.equivalence(0.95)[0] == max(-low, high)
+    few = compare_pairs(responses[:3], np.stack([truth, truth**2]), "both")
+    assert np.isnan(few.equivalence(0.95)).all()
 
 
 def test_intervals_of_reliability_do_too():

@@ -163,7 +163,7 @@ _PRINTED = {
     "retest": ("liquid", "participants", "repeated", "retest_r", "noise"),
     "chance": ("liquid", "mean_r", "beat_chance", "participants", "permutation_p", "ks_p"),
     "agreement": ("model", "r", "rmse", "bias"),
-    "differences": ("model", "rival", "difference", "p_holm"),
+    "differences": ("model", "rival", "difference", "p_holm", "equivalent_within"),
     "choice": ("model", "liquid", "r", "r_paper"),
     "carried": ("model", "r", "r_where_fitted"),
     "cross_validation": ("model", "liquid", "in_sample", "train", "test", "optimism"),

@@ -183,7 +183,9 @@ def differences_table(compared: PeopleAndModels, settings: Settings) -> pd.DataF
     -------
     DataFrame
         A row a pair: `liquid`, `model`, `rival`, `difference` (the model's r minus the
-        rival's), `low`, `high`, `p` (two-sided), `p_holm` (for all pairs of the liquid), `over`.
+        rival's), `low`, `high`, `p` (two-sided), `p_holm` (for all pairs of the liquid),
+        `equivalent_within` (the smallest region in which the difference is shown to lie, by two
+        one-sided tests), `over`.
     """
     pairs = compare_pairs(compared.trials.responses, compared.judgments, settings.over)
     names, (low, high) = np.array(compared.names, dtype=object), pairs.interval(settings.level)
@@ -197,6 +199,7 @@ def differences_table(compared: PeopleAndModels, settings: Settings) -> pd.DataF
             "high": high,
             "p": pairs.p,
             "p_holm": holm(pairs.p),
+            "equivalent_within": pairs.equivalence(settings.level),
             "over": settings.over,
         }
     )

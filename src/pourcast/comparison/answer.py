@@ -77,9 +77,17 @@ def _told(
     alike = [model for model, value in values.items() if not value < 1.0 - level]
     if not alike:
         return ", and is told from all others"
-    named = ", ".join(alike[:_NAMED])
+    named = ", ".join(f"{model}{_region(rows, best, model)}" for model in alike[:_NAMED])
     more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
     return f"; it is not told from {named}{more}"
+
+
+def _region(differences: pd.DataFrame, best: str, model: str) -> str:
+    """Within which region a model is equivalent to the best one, if that is known."""
+    pair = differences["model"].isin([best, model]) & differences["rival"].isin([best, model])
+    within = differences[pair].get("equivalent_within", pd.Series(dtype=float))
+    known = within[np.isfinite(within)]
+    return f" (r within {known.iloc[0]:.2f} of it)" if len(known) else ""
 
 
 def _ceiling(liquid: str, tables: Mapping[str, pd.DataFrame]) -> str:

@@ -18,6 +18,7 @@ HEADINGS = {
     "retest_r": "test-retest r",
     "noise": "share of noise",
     "p_holm": "p (Holm)",
+    "equivalent_within": "equivalent within ±",
     "beta_a": "beta a",
     "beta_b": "beta b",
     "mean_r": "mean r",

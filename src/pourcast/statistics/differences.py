@@ -55,6 +55,15 @@ class Differences:
         """
         return _ends_in_r(self.single[self.first], self.single[self.second], self.paired, level)
 
+    def equivalence(self, level: float) -> Array:
+        """The smallest region about 0 within which the difference in r is shown to lie.
+
+        Two one-sided tests (Schuirmann 1987), each at 1 - level: two models whose r may differ by
+        as much for all that matters are equivalent. NaN where it can't be told.
+        """
+        low, high = self.interval(2.0 * level - 1.0)
+        return np.maximum(-low, high)
+
 
 def compare_pairs(responses: Array, models: Array, over: Over) -> Differences:
     """Compare all pairs of models on the same people and scenes, in Fisher's z.

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from statsmodels.stats.multitest import multipletests
 
 from pourcast.progress import Report, no_report
+from pourcast.statistics.differences import holm
 from pourcast.statistics.jackknife import FEWEST, LEVEL, Estimate, over_units
 from pourcast.statistics.leave_out import UNITS, LeftOut, Unit, leave_out
 from pourcast.statistics.nuts import Posterior, Sampler
@@ -168,8 +168,8 @@ def _of_unit(
     names = np.array(list(left_out), dtype=object)
     elpd = np.stack([one.elpd for one in left_out.values()])
     first, second, found = compare_pairs(elpd)
-    holm = multipletests(found.p, method="holm")[1] if len(first) else found.p
-    told = np.where(holm < 1.0 - level, "yes", "no")
+    p_holm = holm(found.p)
+    told = np.where(p_holm < 1.0 - level, "yes", "no")
     pairs = pd.DataFrame(
         {
             "unit": unit,
@@ -178,7 +178,7 @@ def _of_unit(
             "difference": found.value,
             "se": np.sqrt(found.variance),
             "p": found.p,
-            "p_holm": holm,
+            "p_holm": p_holm,
             "told": told,
         }
     )
