@@ -16,6 +16,9 @@ _DRAWS = 4096
 _POINTS = stats.norm.ppf(qmc.Sobol(2, scramble=True, rng=0).random(_DRAWS)).T[:, :, None]
 """A bivariate normal distribution, shape [2, point_count, 1]."""
 
+_LEAST_LEVEL = 1e-6
+"""Of an interval that is hardly more than its middle."""
+
 
 @dataclass(frozen=True)
 class Differences:
@@ -61,7 +64,7 @@ class Differences:
         Two one-sided tests (Schuirmann 1987), each at 1 - level: two models whose r may differ by
         as much for all that matters are equivalent. NaN where it can't be told.
         """
-        low, high = self.interval(2.0 * level - 1.0)
+        low, high = self.interval(max(2.0 * level - 1.0, _LEAST_LEVEL))
         return np.maximum(-low, high)
 
 
