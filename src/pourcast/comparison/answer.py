@@ -47,7 +47,7 @@ def _answer(
 ) -> str:
     best = str(rows["r"].idxmax())
     nearest = f"{called(liquid)}: {best} agrees best with people, {_number(rows, best, 'r')}"
-    told = _told(liquid, best, list(rows.index), tables, level)
+    told = _told(liquid, best, list(rows["r"].sort_values(ascending=False).index), tables, level)
     ceiling = _ceiling(liquid, tables)
     over = over_words(str(rows["over"].iloc[0]))
     how = f"(Over {over}; p < {f'{1.0 - level:.2g}'.lstrip('0')}, Holm.)"

@@ -31,7 +31,10 @@ from pourcast.tables import write_table
 ONLY_IN_FILES = ("scores", "judgments", "participants")
 """Tables too long for the page; they lie in `tables/`."""
 
-_FOLDED = 30
+_TOO_WIDE = {"choice": ["candidates", "paper"]}
+"""Columns of tables that have no room on the page; they are in `tables/`."""
+
+_FOLDED = 60
 """Tables with more rows are folded up at first."""
 
 _KINDS = {".png": "image/png", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
@@ -174,7 +177,7 @@ def with_published(agreement: pd.DataFrame, experiment: Experiment | None) -> pd
 
 
 def _as_shown(name: str, table: pd.DataFrame) -> dict[str, Any]:
-    text = readable(table)
+    text = readable(table.drop(columns=_TOO_WIDE.get(name, []), errors="ignore"))
     return {
         "title": TABLES[name],
         "columns": list(text.columns),
