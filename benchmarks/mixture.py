@@ -122,6 +122,8 @@ def from_prior(heads: Mapping[str, Head], people: int, seed: int) -> tuple[Drawn
     eta = drawn["own_intercept"][:, None] + drawn["own_slope"][:, None] * np.array(x)
     precision, mean = np.exp(drawn["own_log_precision"])[:, None], expit(eta)
     inner = rng.beta(np.maximum(mean * precision, 1e-3), np.maximum((1 - mean) * precision, 1e-3))
+    # Only an end that was meant is 0 or 1; the density, too, takes what is as near as inside.
+    inner = np.clip(inner, 1e-6, 1.0 - 1e-6)
     place, lapsing, anywhere = rng.random((3, *shape))
     answers = np.where(place < 1.0 - expit(eta - drawn["cut_low"]), 0.0, inner)
     answers = np.where(place > 1.0 - expit(eta - drawn["cut_high"]), 1.0, answers)

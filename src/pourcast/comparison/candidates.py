@@ -139,6 +139,11 @@ def value_in_words(value: Any) -> str:
     return str(value) if isinstance(value, str) else format(float(value), "g")
 
 
+def words_first(value: Any) -> tuple[float, str]:
+    """Sorts values of a parameter: words, then numbers."""
+    return (-np.inf, value) if isinstance(value, str) else (float(value), "")
+
+
 def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candidates]:
     """What there is to choose from, for each model with each liquid.
 

@@ -24,6 +24,7 @@ from pourcast.comparison.candidates import (
     as_columns,
     in_words,
     value_in_words,
+    words_first,
 )
 from pourcast.errors import InputError
 from pourcast.models.registry import make_model
@@ -114,7 +115,7 @@ def _pick(
     """Choose the best candidate with the inherited values, the first of equals."""
     usable = one.at(**inherited) & np.isfinite(scores)
     if usable.any():
-        chosen[name] = int(np.where(usable, scores, -np.inf).argmax())
+        chosen[name] = tied(np.where(usable, scores, -np.inf))[0]
 
 
 def count_without_alphas(sets: Mapping[str, Candidates]) -> int | None:
@@ -230,34 +231,33 @@ def _flat_ranges(one: Candidates, number: int, settings: Settings) -> str:
             continue
         best = int(np.flatnonzero(along == number)[0])
         shortfall = _shortfall(one.trials, one.judgments[along], best, settings)
-        as_good = along[flat(shortfall, settings.level)]
-        levels = sorted({one.axes[axis][k] for k in as_good}, key=_words_first)
+        known = np.isfinite(shortfall.value)
+        as_good = along[flat(shortfall, settings.level) & known]
+        levels = sorted({one.axes[axis][k] for k in as_good}, key=words_first)
         ranges.append(f"{axis}: {', '.join(map(value_in_words, levels))}")
     return "; ".join(ranges)
-
-
-def _words_first(value: Any) -> tuple[float, str]:
-    return (-np.inf, value) if isinstance(value, str) else (float(value), "")
 
 
 def judgments_of_fitted(sets: Mapping[str, Candidates], settings: Settings) -> dict[str, Array]:
     """Judgments of each fitted model on scenes that its parameters were not chosen on.
 
-    Each half of the scenes is judged with the parameters that were chosen on the other one. So
-    these judgments agree with people as those of any model do that is given beforehand, and can be
-    tested against them: with in-sample parameters, one in five studies tells a model with twenty
-    equally good settings from a rival that is as good (`benchmarks.error_rates`).
+    Each half of the scenes is judged with the parameters that were chosen on the other one; if
+    these differ, judgments of both get the same mean and spread over the scenes. So these judgments
+    agree with people as those of any model do that is given beforehand, and can be tested against
+    them: with in-sample parameters, one in five studies tells a model with twenty equally good
+    settings from a rival that is as good (`benchmarks.error_rates`).
 
     Returns
     -------
     dict
         Shape [scene_count] of the model's trials, by the keys of `sets`; models for which a half
-        says nothing are left out, all are with fewer than `FEWEST_SCENES` scenes.
+        says nothing are left out, as are those with fewer than `FEWEST_SCENES` scenes.
     """
-    ids = list(dict.fromkeys(scene.id for one in sets.values() for scene in one.trials.scenes))
-    if len(ids) < FEWEST_SCENES:
-        return {}
-    first = dict(zip(ids, random_halves(len(ids), 1, settings.rng(9))[0] == 1.0, strict=True))
+    sets = {name: one for name, one in sets.items() if len(one.trials.scenes) >= FEWEST_SCENES}
+    first: dict[str, bool] = {}
+    rng = settings.rng(9)
+    for ids in _shown_together(sets):
+        first |= dict(zip(ids, random_halves(len(ids), 1, rng)[0] == 1.0, strict=True))
     halves = {
         name: np.array([first[scene.id] for scene in one.trials.scenes])
         for name, one in sets.items()
@@ -266,9 +266,37 @@ def judgments_of_fitted(sets: Mapping[str, Candidates], settings: Settings) -> d
     judged = {}
     for name, one in sets.items():
         if len(one.judgments) > 1 and all(name in pick for pick in picks.values()):
-            on_first, on_other = (one.judgments[picks[half][name]] for half in (True, False))
+            both = [one.judgments[picks[half][name]] for half in (True, False)]
+            on_first, on_other = _alike(*both)
             judged[name] = np.where(halves[name], on_other, on_first)
     return judged
+
+
+def _shown_together(sets: Mapping[str, Candidates]) -> list[list[str]]:
+    """Scenes that the same liquids are shown with, to be halved together; so each is in halves."""
+    seen: dict[str, set[str]] = {}
+    for one in sets.values():
+        for scene in one.trials.scenes:
+            seen.setdefault(scene.id, set()).add(one.trials.liquid)
+    groups: dict[frozenset[str], list[str]] = {}
+    for scene_id, liquids in seen.items():
+        groups.setdefault(frozenset(liquids), []).append(scene_id)
+    return list(groups.values())
+
+
+def _alike(one: Array, other: Array) -> tuple[Array, Array]:
+    """Judgments of two settings, with the same mean and spread: that between theirs.
+
+    A correlation, by which settings are chosen, sees neither; across halves it would see that they
+    differ, and take it for disagreement with people.
+    """
+    means, spreads = np.array([[each.mean(), each.std()] for each in (one, other)]).T
+    if not spreads.all():
+        return one, other
+    return tuple(
+        np.clip(means.mean() + spreads.mean() * (each - mean) / spread, 0.0, 1.0)
+        for each, mean, spread in zip((one, other), means, spreads, strict=True)
+    )
 
 
 def with_fitted(

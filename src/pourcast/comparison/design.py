@@ -34,7 +34,8 @@ class Design:
     models
         Model's name -> judgments, shape [scene_count]; only those that are given beforehand.
     sets
-        Models that are fitted to each study anew, with all their candidates; see `candidates`.
+        Models that are fitted to each study anew, with all their candidates; see `candidates`. Not
+        those that inherit everything from the trials of another liquid.
     """
 
     liquid: str
@@ -49,7 +50,9 @@ class Design:
         own = {
             name: rival
             for name, rival in sets.items()
-            if rival.trials.liquid == one.trials.liquid and f"{rival.model}{FITTED}" in one.models
+            if rival.trials.liquid == one.trials.liquid
+            and rival.free
+            and f"{rival.model}{FITTED}" in one.models
         }
         return cls(one.trials.liquid, one.trials.scenes, given, own)
 

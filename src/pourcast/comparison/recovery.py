@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.comparison.agreement import Settings
-from pourcast.comparison.candidates import candidates
+from pourcast.comparison.candidates import candidates, words_first
 from pourcast.comparison.choice import FITTED
 from pourcast.comparison.design import Design, model_recovery_table, power_table
 from pourcast.errors import InputError, unknown
@@ -24,7 +24,6 @@ from pourcast.study.experiments.base import observer_model
 from pourcast.study.folder import study_experiment, study_liquids, study_scenes
 from pourcast.study.trials import Trials, arrange
 from pourcast.sweep.judgments import (
-    OWN_ALPHA,
     Judgments,
     columns_of,
     judge_in_study,
@@ -72,7 +71,7 @@ def along(judged: Judgments, liquid: str, spec: str, axis: str) -> tuple[list[An
             f"parameter {axis}: {len(judgments_at)} of its values were swept with {spec}, "
             "expected at least 2; run `pourcast sweep STUDY --grid ...` first"
         )
-    values = sorted(judgments_at, key=lambda value: -1.0 if value == OWN_ALPHA else float(value))
+    values = sorted(judgments_at, key=words_first)
     return values, np.stack([judgments_at[value] for value in values])
 
 
@@ -289,12 +288,18 @@ def study_design(study: Path, liquid: str, specs: Sequence[str] = ()) -> Design:
     """
     scenes = study_scenes(study)
     shown = resolve_liquid(liquid, scenes[0], study_liquids(study)).name
-    asked = list(dict.fromkeys(specs or complete_presets()))
+    experiment = study_experiment(study, scenes)
+    usual = (experiment and experiment.models) or complete_presets()
+    asked = list(dict.fromkeys(specs or usual))
     given = [spec for spec in asked if not spec.endswith(FITTED)]
     judgments = judge_in_study(study, scenes, [(liquid, spec) for spec in given], _GRID)
     nobody = Trials(shown, (), tuple(scenes), np.empty((0, len(scenes))))
     sets = candidates(study_judgments(study, scenes), [nobody])
-    names = {f"{one.model}{FITTED}": name for name, one in sets.items() if len(one.judgments) > 1}
+    names = {
+        f"{one.model}{FITTED}": name
+        for name, one in sets.items()
+        if len(one.judgments) > 1 and one.free
+    }
     for spec in asked:
         if spec.endswith(FITTED) and spec not in names:
             raise InputError(f"model: {unknown(spec, names) if names else f'{spec}: no sweep'}")

@@ -9,6 +9,8 @@ from pathlib import Path
 import pandas as pd
 
 import pourcast
+from pourcast.comparison.candidates import PAPER
+from pourcast.comparison.choice import FITTED
 from pourcast.comparison.compare import Comparison
 from pourcast.files import finished_files
 from pourcast.report.numbers import engine_in_words, fields_in_words, liquid_in_words
@@ -48,13 +50,7 @@ def methods(comparison: Comparison) -> str:
         f"{over_words(settings.over)} (jackknife standard errors of Fisher's z, Student's t); "
         "differences between models were tested in Fisher's z in the same way, with p values "
         "adjusted for all pairs of a liquid (Holm). "
-        "Split-half reliability is the mean over 1,000 "
-        "random halves of the participants; the noise ceiling is the root of the reliability of "
-        "the mean judgments, without what can't lower a correlation; intervals of both, and of the "
-        "share of explainable variance, are over scenes. Single participants were compared with "
-        "responses to the same scenes drawn from a beta distribution fitted by moments to all "
-        "responses (10,000 draws; two-sample Kolmogorov-Smirnov test), and all together with "
-        f"10,000 permutations of the scenes. {_choice(comparison)}{_bayes(comparison)}"
+        f"{_reliability(comparison)}{_chance(comparison)}{_choice(comparison)}{_bayes(comparison)}"
         f"The seed of all draws was {settings.seed}."
     )
 
@@ -83,17 +79,52 @@ def _liquids(comparison: Comparison) -> list[tuple[str, dict[str, float]]]:
     return found
 
 
+def _reliability(comparison: Comparison) -> str:
+    """How reliability was had, if it was."""
+    table = comparison.tables.get("reliability", pd.DataFrame())
+    if "ceiling" not in table or not table["ceiling"].notna().any():
+        return ""
+    return (
+        "Split-half reliability is the mean over 1,000 random halves of the participants; the "
+        "noise ceiling is the root of the reliability of the mean judgments, without what can't "
+        "lower a correlation; intervals of both, and of the share of explainable variance, are "
+        "over scenes. "
+    )
+
+
+def _chance(comparison: Comparison) -> str:
+    """How single participants were compared with chance, if they were."""
+    if "chance" not in comparison.tables:
+        return ""
+    return (
+        "Single participants were compared with responses to the same scenes drawn from a beta "
+        "distribution fitted by moments to all responses (10,000 draws; two-sample "
+        "Kolmogorov-Smirnov test), and all together with 10,000 permutations of the scenes. "
+    )
+
+
 def _choice(comparison: Comparison) -> str:
     """How parameters were chosen, if they were."""
     if "choice" not in comparison.tables:
         return ""
-    chosen = (
-        "Parameters were chosen stage by stage by correlation (number of particles, viscosity, "
-        "damping)"
-    )
-    if "cross_validation" not in comparison.tables:
-        return f"{chosen}. "
-    return f"{chosen}, and cross-validated on random halves of the scenes. "
+    models = set(comparison.tables["choice"]["model"])
+    ways = [
+        *(
+            ["stage by stage (number of particles, viscosity, damping)"]
+            if models & set(PAPER)
+            else []
+        ),
+        *(["all together"] if models - set(PAPER) else []),
+    ]
+    sentences = [f"Parameters were chosen by correlation with people, {' or '.join(ways)}"]
+    if "cross_validation" in comparison.tables:
+        sentences.append("the choice was cross-validated on random halves of the scenes")
+    if any(name.endswith(FITTED) for one in comparison.compared for name in one.names):
+        sentences.append(
+            "for the comparison with other models, each half of the scenes was judged with the "
+            "parameters that were chosen on the other half"
+        )
+    return f"{'; '.join(sentences)}. "
 
 
 def _bayes(comparison: Comparison) -> str:

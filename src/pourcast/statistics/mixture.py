@@ -107,7 +107,8 @@ class _Settings:
 
     def log_prior(self, shares: Any, means: Any, spreads: Any) -> Any:
         """Log probability of each setting, given the population."""
-        within = -0.5 * (self.has * ((self.places - means) / spreads) ** 2).sum(axis=1)
+        away = (self.places - means[: len(self.keys)]) / spreads[: len(self.keys)]
+        within = -0.5 * (self.has * away**2).sum(axis=1)
         total = logsumexp(jnp.where(self.of_model, within, -jnp.inf), axis=1)
         return within + (jnp.log(shares) - total)[self.model]
 
@@ -190,7 +191,8 @@ class MixtureModel(Sampler):
         cut_low = numpyro.sample("cut_low", dist.Normal(-4.0, 1.5))
         cut_gap = numpyro.sample("cut_gap", dist.LogNormal(2.0, 0.5))
         cut_high = numpyro.deterministic("cut_high", cut_low + cut_gap)
-        count = [len(there.keys)]
+        # Beside the parameters one that no model has: without any, there is something to draw.
+        count = [len(there.keys) + 1]
         means = numpyro.sample("means", dist.Uniform(-1.0, 1.0).expand(count).to_event(1))
         spreads = numpyro.sample("spreads", dist.HalfNormal(0.5).expand(count).to_event(1))
         shares = numpyro.sample("shares", dist.Dirichlet(jnp.ones(len(self.heads))))

@@ -9,7 +9,7 @@ from pourcast.statistics.jackknife import POSITIVE, fisher_z, jackknife
 
 Array = NDArray[np.float64]
 
-FEWEST_REPEATS = 3
+FEWEST_REPEATS = 10
 """Scenes that somebody must have answered twice, to have a test-retest correlation."""
 
 _NO_SPREAD = 1e-12

@@ -37,7 +37,7 @@ class Source(Frozen):
         Regular expression with one group, which is what is taken of the text; alone, of the
         header of a wide table.
     fill
-        A blank cell, or one that `pattern` doesn't match, has what stands above it.
+        A blank cell has what stands above it.
     """
 
     column: str | None = None
@@ -53,6 +53,8 @@ class Source(Frozen):
             raise ValueError("expected one of `column`, `value`, `file`, and perhaps `pattern`")
         if self.fill and self.column is None:
             raise ValueError("`fill` goes with `column`")
+        if self.value is not None and not self.value.strip():
+            raise ValueError("value: expected a text")
         return self
 
     @field_validator("pattern")
@@ -278,6 +280,17 @@ def _checked(content: Mapping[str, Any], source: str) -> Columns:
         raise InputError(f"{source}: {one_line(error)}") from None
 
 
+def _is_mapping(path: Path) -> bool:
+    """Whether there is such a file, and it isn't a study's or a grid's, say, of the same name."""
+    if not path.is_file():
+        return False
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        return True  # To be refused where it is read.
+    return not content or any(name in Columns.model_fields for name in content)
+
+
 def find_columns(given: str | None, data: Path) -> tuple[Columns, str]:
     """The mapping of a table, and where it was said; nothing is mapped if there is none.
 
@@ -293,5 +306,5 @@ def find_columns(given: str | None, data: Path) -> tuple[Columns, str]:
         return parse_columns(given), given
     inside = data if data.is_dir() else data.parent
     beside = (data.with_suffix(".toml"), inside / COLUMNS_FILE)
-    path = Path(given) if given is not None else next(filter(Path.is_file, beside), None)
+    path = Path(given) if given is not None else next(filter(_is_mapping, beside), None)
     return (Columns(), "") if path is None else (read_columns(path), str(path))

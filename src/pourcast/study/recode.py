@@ -228,10 +228,12 @@ def _values(
     cells = raw[source.column]
     if source.pattern is not None:
         cells = cells.astype("string").str.extract(source.pattern, expand=False).astype(object)
-        cells = cells.where(cells.notna(), np.nan)
-    if source.fill:
-        return cells.ffill()
+        cells = cells.where(cells.notna() & (cells != ""), np.nan)
     wrong = kept & cells.isna() & raw[source.column].notna()
+    if source.fill:
+        # What doesn't match would get what stands above: somebody else's.
+        wrong = cells.isna() & raw[source.column].notna()
+        cells = cells.ffill()
     refuse_rows(
         path, raw, source.column, wrong, f"expected a text that matches {source.pattern}",
         raw.index.to_list(),
@@ -250,7 +252,7 @@ def _matched(path: Path, text: str, source: Source) -> str:
 
 def _numbers(cells: "pd.Series[Any]", missing: Sequence[str], decimal: str) -> "pd.Series[Any]":
     """Cells without those that stand for nothing, and with points where there are commas."""
-    texts = cells.map(plain_text)
+    texts = cells.map(plain_text).astype(str)
     cells = cells.mask(texts.isin([*missing, *map(str.casefold, MISSING)]))
     if decimal == ".":
         return cells
@@ -296,12 +298,23 @@ def _long(
         raise InputError(
             f"{path}: no column names a scene of the study; found {', '.join(table.columns)}"
         )
+    header = columns.liquid if columns.liquid is not None and columns.liquid.in_header else None
+    shown = {
+        name: (scene, "" if header is None else _matched(path, name, header))
+        for name, scene in scenes.items()
+    }
+    several = Counter(shown.values())
+    if twice := [name for name, what in shown.items() if several[what] > 1]:
+        raise InputError(
+            f"{path}: several columns name a scene: {_listed(twice)}; expected one each: say which "
+            "with a `pattern` of the column's name (in a mapping's file)"
+        )
     base = [name for name in FIELDS if name in table and name not in ("scene", "response")]
     parts = []
     for place, (column, scene) in enumerate(scenes.items()):
         part = table[base].assign(scene=scene, response=table[column], _place=place)
-        if columns.liquid is not None and columns.liquid.in_header:
-            part["liquid"] = _matched(path, column, columns.liquid)
+        if header is not None:
+            part["liquid"] = shown[column][1]
         parts.append(part.assign(_row=[f"{row} ({column})" for row in table.index]))
     # By rows, then columns, as one reads.
     long = pd.concat(parts).rename_axis("_line").reset_index().sort_values(["_line", "_place"])

@@ -186,6 +186,10 @@ def check_responses(
     if "rt" in table:
         with faults:
             table["rt"] = _seconds(origin, table)
+    if "answers" in table and (table["participant"] == MEANS).all():
+        with faults:
+            counts = origin.numbers(table, "answers")
+            origin.refuse(table, "answers", counts <= 0, "expected a number above 0")
     table["liquid"] = _known_liquids(origin, table, scenes, own, experiment, faults)
     faults.refuse()
     return table
