@@ -494,10 +494,11 @@ SECTIONS: tuple[tuple[str, Callable[[int], str]], ...] = (
      "participants` is about these scenes only, on which models that are equally good elsewhere "
      "do differ.",
      table_of_stars),
-    ("## A fitted model and an equally good one: how often they are told apart (%)\n\nWith the "
-     f"best of its {SETTINGS} settings the fitted model is as good. Where it is judged on the scenes "
-     "on which its setting was chosen, and as `compare` does it, half by half (where all settings but "
-     "one are worse, it pays for being fitted to half of the scenes):", table_of_fitted),
+    ("## A fitted model and an equally good one: how often they are told apart (%)\n\nThe best "
+     f"of {SETTINGS} settings of the fitted model is as good as the other model. Where it is judged "
+     "on the scenes on which its setting was chosen, and as `compare` does it, half by half (where "
+     "all settings but one are worse, it pays for being fitted to half of the scenes):",
+     table_of_fitted),
     ("## What a perfect model explains of the explainable variance", table_of_perfect_models),
     ("## Guessers: how often they are said to beat chance (%)\n\nOf single participants (5 % by "
      "chance), by the paper's test of all, and by permuting scenes:", table_of_guessers),
