@@ -495,7 +495,7 @@ SECTIONS: tuple[tuple[str, Callable[[int], str]], ...] = (
      "do differ.",
      table_of_stars),
     ("## A fitted model and an equally good one: how often they are told apart (%)\n\nThe best "
-     f"of {SETTINGS} settings of the fitted model is as good as the other model. Where it is judged "
+     f"of {SETTINGS} settings of the fitted model is as good as the other. Where it is judged "
      "on the scenes on which its setting was chosen, and as `compare` does it, half by half (where "
      "all settings but one are worse, it pays for being fitted to half of the scenes):",
      table_of_fitted),
