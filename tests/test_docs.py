@@ -63,8 +63,12 @@ def bring_answers():
 
 
 def serve(arguments):
-    """Serve (on a port that is free), ask for the page that a link leads to, and end it."""
+    """Serve (on a port that is free), ask for the page that a link leads to, and end it.
+
+    What is shown is made here first, where it is short (`_quicker`); the server then takes it.
+    """
     study, *options = arguments
+    assert cli.run(["experiment", "serve", study, "--check"]) == 0
     with ServerProcess(study, *options) as server:
         # As the web server before it would ask, where there is one.
         here = f"http://127.0.0.1:{server.port}/?{server.lab.rpartition('?')[2]}"
