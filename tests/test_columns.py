@@ -257,6 +257,14 @@ def table_of(tmp_path, text, columns="", name="t.csv"):
     return read_responses(path, SCENES, columns=parse_columns(columns) if columns else None)
 
 
+def by_file(tmp_path, text, mapping):
+    """The same, by a mapping in a file of its own."""
+    path, columns = tmp_path / "t.csv", tmp_path / "mapping.toml"
+    path.write_text(text)
+    columns.write_text(mapping)
+    return read_responses(path, SCENES, columns=read_columns(columns))
+
+
 def test_a_scene_is_found_as_a_word_and_only_if_there_is_one(tmp_path):
     text = "participant,stimulus,liquid,response\np,media/{}.mp4,water,0.5\n"
     for written, scene in {"exp1-004": "exp1-004", "v2_exp1-003_honey": "exp1-003"}.items():
@@ -429,3 +437,49 @@ def test_of_many_faults_the_first_are_told_and_the_number(tmp_path):
         table_of(tmp_path, "\n".join(["participant,scene,liquid,response", *liquids, ""]))
     assert len(error.value.lines) == 21
     assert error.value.lines[-1] == "and 10 more faults"
+
+
+def test_who_it_was_is_never_taken_from_somebody_else_s_row(tmp_path):
+    # A name that the pattern doesn't match, and none at all: not the person's above.
+    for second in ('""id"": ""P-02""', '""id"": """"', '""other"": 1'):
+        text = (
+            'meta,scene,liquid,response\n"{""id"": ""ana""}",exp1-001,water,0.5\n'
+            f',exp1-002,water,0.5\n"{{{second}}}",exp1-001,water,0.5\n,exp1-002,water,0.5\n'
+        )
+        columns = 'participant = { column = "meta", pattern = \'"id": ?"(\\w+)"\', fill = true }'
+        with pytest.raises(InputError, match=r"row 4, column meta: expected a text that matches"):
+            by_file(tmp_path, text, columns)
+
+
+def test_several_columns_of_a_scene_are_not_averaged(tmp_path):
+    text = "who,exp1-001_First Click,exp1-001_1,exp1-002_1\na,3.2,0.5,0.6\n"
+    columns = 'participant = "who"\nliquid = { value = "water" }\nwide = true\n'
+    with pytest.raises(InputError, match="several columns name a scene: exp1-001_First Click, exp"):
+        by_file(tmp_path, text, columns)
+    found = by_file(tmp_path, text, f"{columns}scene = {{ pattern = '^(exp1-\\d+)_1$' }}")
+    assert found["response"].tolist() == [0.5, 0.6]
+
+
+def test_a_constant_is_a_text():
+    with pytest.raises(InputError, match="expected a text"):
+        parse_columns("participant: ,scene=s,liquid:water,response=r")
+
+
+def test_percents_may_have_decimal_commas(tmp_path):
+    text = "participant;scene;liquid;response\n" + "".join(
+        f"a;exp1-00{k};water;{value}\n" for k, value in enumerate(("12,5 %", "7,25%", "100 %"), 1)
+    )
+    assert table_of(tmp_path, text)["response"].tolist() == [0.125, 0.0725, 1.0]
+
+
+def test_a_study_s_own_file_beside_a_table_is_no_mapping(tmp_path):
+    (tmp_path / "study.toml").write_text('experiment = "exp1"\n')
+    assert find_columns(None, tmp_path / "study.csv") == (Columns(), "")
+    (tmp_path / "study.toml").write_text('participant = "PID"\n')
+    assert find_columns(None, tmp_path / "study.csv")[0].participant.column == "PID"
+
+
+def test_means_are_of_somebody(tmp_path):
+    text = "scene,liquid,response,n\nexp1-001,water,0.5,0\nexp1-002,water,0.5,-2\n"
+    with pytest.raises(InputError, match="column n: expected a number above 0"):
+        by_file(tmp_path, text, 'means = true\nanswers = "n"\n')

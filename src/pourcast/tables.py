@@ -31,7 +31,7 @@ _MARKS = {
 _ENCODINGS = {"utf-16": "UTF-16", "cp1252": "Windows-1252"}
 MISSING = ("", "NA", "N/A", "n/a", "NaN", "nan", "null", "NULL", "None", "#N/A")
 """What programs write where there is no value; a name may be any of them."""
-_DECIMAL_COMMA, _DECIMAL_POINT = r"\s*[-+]?\d*,\d+\s*", r"\s*[-+]?\d*\.\d+\s*"
+_DECIMAL_COMMA, _DECIMAL_POINT = r"\s*[-+]?\d*,\d+\s*%?\s*", r"\s*[-+]?\d*\.\d+\s*%?\s*"
 
 _NAMED_ROWS = 5
 """Rows with one fault that are named besides the first."""

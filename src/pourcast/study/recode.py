@@ -256,7 +256,7 @@ def _numbers(cells: "pd.Series[Any]", missing: Sequence[str], decimal: str) -> "
     cells = cells.mask(texts.isin([*missing, *map(str.casefold, MISSING)]))
     if decimal == ".":
         return cells
-    commas = texts.str.fullmatch(r"[-+]?\d*,\d+%?")
+    commas = texts.str.fullmatch(r"[-+]?\d*,\d+\s*%?")
     return cells.where(~commas, texts.str.replace(",", "."))
 
 
