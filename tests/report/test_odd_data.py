@@ -134,7 +134,7 @@ def test_few_repeated_trials_have_no_reliability_and_it_is_said_why(answered, ca
     pd.concat([table, table.iloc[[3]]]).to_csv(path, index=False)
     _, printed = compared(folder, capsys)
     said = " ".join(printed.split())
-    assert "water: no within-person reliability: nobody answered 3 scenes twice" in said
+    assert "water: no within-person reliability: nobody answered 10 scenes twice" in said
     pd.concat([table, table.iloc[:20]]).to_csv(path, index=False)
     found, printed = compared(folder, capsys)
     assert "has no interval: it needs at least 5 participants" in " ".join(printed.split())
