@@ -26,9 +26,12 @@ from pourcast.cli.terminal import (
 from pourcast.study.programs import SHORT
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import pandas as pd
 
     from pourcast.comparison.compare import Comparison, ComparisonOptions
+    from pourcast.study.responses import Exclusion
 
 ResponsesOption = Annotated[
     Path | None,
@@ -178,19 +181,29 @@ _MOST_ROWS = 12
 """Of a liquid's differences, the largest are told."""
 
 
+def print_about(
+    simulated: bool,
+    answers: "Sequence[str]",
+    exclusions: "Sequence[Exclusion]",
+    remarks: "Sequence[str]",
+) -> None:
+    """What stands above the tables: whose responses, the answer, and what is to be known."""
+    if simulated:
+        typer.echo("SIMULATED observers: this says nothing about people.\n")
+    for answer in answers:
+        typer.echo(answer)
+    for one in exclusions:
+        who = f", participants {', '.join(one.participants)}" if one.participants else ""
+        typer.echo(f"excluded by {one.rule}: {one.trials} trials{who}")
+    for remark in remarks:
+        typer.echo(f"note: {remark}")
+
+
 def _print_comparison(found: "Comparison") -> None:
     from pourcast.comparison.compare import TABLES
     from pourcast.statistics.jackknife import over_words
 
-    if found.simulated:
-        typer.echo("SIMULATED observers: this says nothing about people.\n")
-    for answer in found.answers:
-        typer.echo(answer)
-    for one in found.exclusions:
-        who = f", participants {', '.join(one.participants)}" if one.participants else ""
-        typer.echo(f"excluded by {one.rule}: {one.trials} trials{who}")
-    for remark in found.remarks:
-        typer.echo(f"note: {remark}")
+    print_about(found.simulated, found.answers, found.exclusions, found.remarks)
     for name, columns in _PRINTED.items():
         if name not in found.tables:
             continue

@@ -12,6 +12,7 @@ from pourcast.cli.compare import (
     ResponsesOption,
     ScaleOption,
     options_of,
+    print_about,
 )
 from pourcast.cli.options import JsonOption, ModelOption, SeedOption, StudyArgument
 from pourcast.cli.terminal import print_json, print_table, progress_bar, records
@@ -37,7 +38,7 @@ def mixture(
     """Which model is in each head, with which parameters? Models' shares among people.
 
     Of what was swept (NAME:fitted) every setting may be in a head; without -m all that was swept,
-    and gravity. Minutes; needs the extra bayes.
+    and gravity. A minute or so; needs the extra bayes.
 
     Example: pourcast mixture my-study -m water-ife:fitted -m water-simple:fitted -o heads
     """
@@ -68,10 +69,7 @@ def mixture(
         tables = {name: records(table) for name, table in found.tables.items()}
         print_json({"simulated": found.simulated, "remarks": found.remarks, "tables": tables})
         return
-    if found.simulated:
-        typer.echo("SIMULATED observers: this says nothing about people.\n")
-    for remark in found.remarks:
-        typer.echo(f"note: {remark}")
+    print_about(found.simulated, (), found.exclusions, found.remarks)
     for name in ("shares", "population"):
         typer.echo(f"\n{TABLES[name]}")
         for liquid, rows in found.tables[name].groupby("liquid", sort=False):

@@ -5,7 +5,7 @@ which more than one value was swept.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -60,6 +60,38 @@ PAPER: Mapping[str, PaperFit] = {
 """The models that the paper fits."""
 
 
+FITTED = ":fitted"
+"""Ends the names of models whose parameters were chosen on these responses."""
+
+
+def is_fitted(name: str) -> bool:
+    """Whether a name is that of a model whose parameters were chosen on these responses."""
+    return name.endswith(FITTED)
+
+
+def not_fitted(wanted: Sequence[str], there: Mapping[str, Collection[str]]) -> list[str]:
+    """What is to be said of fitted models that were asked for, and aren't there for some liquid.
+
+    Parameters
+    ----------
+    wanted
+        Names of models that were asked for.
+    there
+        Liquid of the trials -> names of the models that there are.
+
+    Examples
+    --------
+    >>> not_fitted(["a:fitted", "b"], {"water": ["a:fitted"], "honey": ["b"]})
+    ['honey: a:fitted is not among the models: it was not fitted on these trials']
+    """
+    return [
+        f"{liquid}: {name} is not among the models: it was not fitted on these trials"
+        for liquid, names in there.items()
+        for name in wanted
+        if is_fitted(name) and name not in names
+    ]
+
+
 @dataclass(frozen=True)
 class Candidates:
     """A model with several values of its parameters, and what people said on the same trials.
@@ -86,6 +118,11 @@ class Candidates:
     axes: Mapping[str, NDArray[Any]]
     free: tuple[str, ...]
     judgments: Array
+
+    @property
+    def fitted_name(self) -> str:
+        """Name of the model with the parameters that are chosen on these responses."""
+        return f"{self.model}{FITTED}"
 
     def at(self, **values: Any) -> NDArray[np.bool_]:
         """Candidates with these values."""
@@ -160,30 +197,28 @@ def candidates(judged: Judgments, trials: Sequence[Trials]) -> dict[str, Candida
         By the model's name; where several liquids were shown, those of models that the paper
         doesn't fit by name and liquid.
     """
-    by_liquid = {called(one.liquid): one for one in trials}
+    by_liquid = {called(one.liquid): (one, judged.on(one.scenes)) for one in trials}
     sets = {}
     for name, fit in PAPER.items():
         if fit.liquid in by_liquid:
-            paper = _of_paper(judged, by_liquid[fit.liquid], name, fit)
+            paper = _of_paper(*by_liquid[fit.liquid], name, fit)
             if len(paper.judgments):
                 sets[name] = paper
     known = {(PAPER[name].fixed["family"], PAPER[name].liquid) for name in sets}
-    for liquid, one in by_liquid.items():
-        for rival in _others(judged, one, [family for family, of in known if of == liquid]):
+    for liquid, (one, there) in by_liquid.items():
+        for rival in _others(one, there, [family for family, of in known if of == liquid]):
             sets[rival.model if len(trials) == 1 else f"{rival.model} ({liquid})"] = rival
     return sets
 
 
-def _of_paper(judged: Judgments, trials: Trials, name: str, fit: PaperFit) -> Candidates:
-    there = judged.on(trials.scenes)
+def _of_paper(trials: Trials, there: Judgments, name: str, fit: PaperFit) -> Candidates:
     rows = there.on_trials(trials.liquid, **fit.fixed)
     columns = {axis: there.rows[axis].to_numpy()[rows] for axis in fit.axes if len(rows)}
     return Candidates(name, name, trials, columns, fit.free, there.judgments[rows])
 
 
-def _others(judged: Judgments, trials: Trials, known: Sequence[str]) -> Iterator[Candidates]:
+def _others(trials: Trials, there: Judgments, known: Sequence[str]) -> Iterator[Candidates]:
     """All other families of which more than one member was swept."""
-    there = judged.on(trials.scenes)
     for family in dict.fromkeys(there.rows["family"]):
         if family in known:
             continue

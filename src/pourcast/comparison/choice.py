@@ -45,9 +45,6 @@ HALVINGS = 500
 FEWEST_SCENES = 8
 """A half needs at least four scenes for a correlation that means anything."""
 
-FITTED = ":fitted"
-"""Ends the names of models whose parameters were chosen on these responses."""
-
 
 def choose(sets: Mapping[str, Candidates], scores: Mapping[str, Array]) -> dict[str, int]:
     """The paper's procedure; and of any other model the candidate that correlates best.
@@ -309,8 +306,7 @@ def with_fitted(
     judged = judgments_of_fitted(sets, settings)
     fitted: dict[str, dict[str, Array]] = {one.trials.liquid: {} for one in people}
     for name, judgments in judged.items():
-        one = sets[name]
-        fitted[one.trials.liquid][f"{one.model}{FITTED}"] = judgments
+        fitted[sets[name].trials.liquid][sets[name].fitted_name] = judgments
     return tuple(replace(one, models={**one.models, **fitted[one.trials.liquid]}) for one in people)
 
 

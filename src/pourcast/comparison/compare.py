@@ -10,7 +10,7 @@ import pandas as pd
 from pourcast.comparison import agreement, choice, liquid_effect, stimulus, window
 from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.comparison.answer import answers
-from pourcast.comparison.candidates import Candidates, candidates
+from pourcast.comparison.candidates import Candidates, candidates, is_fitted, not_fitted
 from pourcast.comparison.retest import retest_table, unknown_retest
 from pourcast.errors import InputError
 from pourcast.experiment.data.responses import study_responses
@@ -256,7 +256,7 @@ def compare_study(
     experiment, own = study_experiment(study, scenes), study_liquids(study)
     usual = (experiment and experiment.models) or complete_presets()
     asked = list(options.models or usual)
-    fitted = [spec for spec in options.models if spec.endswith(choice.FITTED)]
+    fitted = [spec for spec in options.models if is_fitted(spec)]
     specs = [spec for spec in asked if spec not in (stimulus.NAME, *fitted)]
     carried = [] if options.carried is None else list(options.carried["spec"])
     wanted = [
@@ -321,6 +321,7 @@ def compare_study(
             *read.told,
             *_models_remarks(specs, labels, own),
             *_fitted_remarks(people),
+            *not_fitted(fitted, {one.trials.liquid: one.names for one in people}),
             *read.remarks,
             *_doubts(tables, judged, people, individuals, settings),
             *_doubts_of_posteriors(tables, people, experiment),
@@ -342,7 +343,7 @@ def _only(
     people: Sequence[PeopleAndModels], wanted: Sequence[str], source: Path
 ) -> tuple[PeopleAndModels, ...]:
     """Of the fitted models only those that were asked for."""
-    there = {name for one in people for name in one.names if name.endswith(choice.FITTED)}
+    there = {name for one in people for name in one.names if is_fitted(name)}
     for name in wanted:
         if name not in there:
             known = f"there are {', '.join(sorted(there))}" if there else "there is none"
@@ -367,7 +368,7 @@ def _only(
 
 def _fitted_remarks(people: Sequence[PeopleAndModels]) -> list[str]:
     """What it means that a model's parameters were chosen on these responses."""
-    fitted = [name for one in people for name in one.names if name.endswith(choice.FITTED)]
+    fitted = [name for one in people for name in one.names if is_fitted(name)]
     if not fitted:
         return []
     return [

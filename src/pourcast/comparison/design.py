@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from pourcast.comparison.agreement import PeopleAndModels, Settings
-from pourcast.comparison.candidates import Candidates
-from pourcast.comparison.choice import FITTED, with_fitted
+from pourcast.comparison.candidates import Candidates, is_fitted
+from pourcast.comparison.choice import with_fitted
 from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.correlation import mean_judgments, pearson
@@ -46,20 +46,20 @@ class Design:
     @classmethod
     def of(cls, one: PeopleAndModels, sets: Mapping[str, Candidates]) -> "Design":
         """The design of a study that has people's responses; `sets` are those of all liquids."""
-        given = {name: j for name, j in one.models.items() if not name.endswith(FITTED)}
+        given = {name: j for name, j in one.models.items() if not is_fitted(name)}
         own = {
             name: rival
             for name, rival in sets.items()
             if rival.trials.liquid == one.trials.liquid
             and rival.free
-            and f"{rival.model}{FITTED}" in one.models
+            and rival.fitted_name in one.models
         }
         return cls(one.trials.liquid, one.trials.scenes, given, own)
 
     @property
     def names(self) -> list[str]:
         """Names of all models; some of those that are fitted may turn out not to be."""
-        return [*self.models, *(f"{one.model}{FITTED}" for one in self.sets.values())]
+        return [*self.models, *(one.fitted_name for one in self.sets.values())]
 
     def only_different(self) -> "Design":
         """Without the models that are candidates of one that is fitted: it stands for them."""
@@ -75,7 +75,7 @@ class Design:
         """Judgments of a model; of one that is fitted, with any of its candidates' parameters."""
         if name in self.models:
             return self.models[name]
-        one = next(one for one in self.sets.values() if f"{one.model}{FITTED}" == name)
+        one = next(one for one in self.sets.values() if one.fitted_name == name)
         candidate: Array = one.judgments[rng.integers(len(one.judgments))]
         return candidate
 

@@ -1,23 +1,28 @@
 """Which model is in each head, with which parameters: `statistics.mixture`, labelled."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.comparison.agreement import FEWEST_SCENES
-from pourcast.comparison.candidates import Candidates, candidates
-from pourcast.comparison.choice import FITTED
-from pourcast.comparison.compare import ComparisonOptions, study_trials
+from pourcast.comparison.candidates import Candidates, candidates, is_fitted, not_fitted
+from pourcast.comparison.compare import (
+    LARGEST_R_HAT,
+    LEAST_ESS,
+    ComparisonOptions,
+    study_trials,
+)
 from pourcast.errors import InputError, unknown
 from pourcast.extras import require_extra
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.registry import called
 from pourcast.study.folder import study_scenes
+from pourcast.study.responses import Exclusion
 from pourcast.study.trials import Trials
 from pourcast.sweep.judgments import judge_in_study, study_judgments, sweep_words
 
@@ -62,13 +67,14 @@ class StudyMixture:
     ----------
     simulated
         Whether any of the responses are simulated.
-    remarks
-        What a reader should know.
+    exclusions, remarks
+        What was taken out, and what else a reader should know.
     tables
         Name -> table; see `TABLES`.
     """
 
     simulated: bool
+    exclusions: tuple[Exclusion, ...]
     remarks: tuple[str, ...]
     tables: dict[str, pd.DataFrame]
 
@@ -104,19 +110,25 @@ def study_mixture(
     scenes, settings = study_scenes(study), options.settings
     swept = candidates(study_judgments(study, scenes), read.trials)
     parts: dict[str, list[pd.DataFrame]] = {name: [] for name in TABLES}
+    there: dict[str, list[str]] = {}
     for number, one in enumerate(read.trials):
         if one.means_of is not None:
             raise InputError(f"{read.path}: a mixture needs single answers, and these are means")
         if len(one.scenes) < FEWEST_SCENES:
             raise InputError(f"{read.path}: {one.liquid}: {len(one.scenes)} scenes were answered")
         heads = _heads(study, one, swept, options.models, report)
+        there[one.liquid] = list(heads)
         report(f"mixture of {len(heads)} models, {one.liquid}", number, len(read.trials))
         found = MixtureModel(heads, sampling).fit(one.responses)
         for name, table in _tables(one, found, settings.level).items():
             table.insert(0, "liquid", one.liquid)
             parts[name].append(table)
     tables = {name: pd.concat(part, ignore_index=True) for name, part in parts.items()}
-    return StudyMixture(read.simulated, (*read.told, *_doubts(tables["population"])), tables)
+    remarks = (
+        *read.told, *not_fitted(options.models, there), *read.remarks,
+        *_doubts(tables["population"]),
+    )  # fmt: skip
+    return StudyMixture(read.simulated, read.exclusions, remarks, tables)
 
 
 def _heads(
@@ -130,14 +142,14 @@ def _heads(
     from pourcast.statistics.mixture import Head  # noqa: PLC0415 (JAX, only for this)
 
     own = {
-        f"{one.model}{FITTED}": one
+        one.fitted_name: one
         for one in swept.values()
         if one.trials.liquid == trials.liquid and len(one.judgments) > 1
     }
     asked = list(dict.fromkeys(models or [*own, *HEURISTICS]))
-    single = [spec for spec in asked if not spec.endswith(FITTED)]
-    missing = [spec for spec in asked if spec.endswith(FITTED) and spec not in own]
-    if missing and not any(missing[0] == f"{one.model}{FITTED}" for one in swept.values()):
+    single = [spec for spec in asked if not is_fitted(spec)]
+    missing = [spec for spec in asked if is_fitted(spec) and spec not in own]
+    if missing and not any(missing[0] == one.fitted_name for one in swept.values()):
         known = unknown(missing[0], own) if own else "nothing was swept"
         raise InputError(f"model {missing[0]}: {known}")
     scenes, liquid = study_scenes(study), called(trials.liquid)
@@ -226,7 +238,9 @@ def _tables(trials: Trials, found: "Mixture", level: float) -> dict[str, pd.Data
     }
 
 
-def _own(trials: Trials, found: "Mixture", probabilities: Array, level: float) -> Any:
+def _own(
+    trials: Trials, found: "Mixture", probabilities: Array, level: float
+) -> Iterator[dict[str, object]]:
     """Rows of what each participant's parameters are, if a model is in the head."""
     tails = (0.5 - level / 2.0, 0.5 + level / 2.0)
     for number, (model, head) in enumerate(found.heads.items()):
@@ -242,21 +256,18 @@ def _own(trials: Trials, found: "Mixture", probabilities: Array, level: float) -
                     }  # fmt: skip
 
 
-_LARGEST_R_HAT, _FEWEST_DRAWS = 1.01, 400.0
-
-
 def _doubts(population: pd.DataFrame) -> list[str]:
     """What can't be relied on, and why."""
     doubts = []
     for liquid, rows in population.groupby("liquid", sort=False):
         bad = rows[
-            (rows["r_hat"] > _LARGEST_R_HAT)
-            | (rows[["ess_bulk", "ess_tail"]].min(axis=1) < _FEWEST_DRAWS)
+            (rows["r_hat"] > LARGEST_R_HAT)
+            | (rows[["ess_bulk", "ess_tail"]].min(axis=1) < LEAST_ESS)
         ]
         if len(bad):
             doubts.append(
                 f"{liquid}: chains don't agree well enough on {', '.join(bad['parameter'])} "
-                f"(R-hat above {_LARGEST_R_HAT} or fewer than {_FEWEST_DRAWS:g} effective draws): "
+                f"(R-hat above {LARGEST_R_HAT} or fewer than {LEAST_ESS:g} effective draws): "
                 "draw more (--draws)"
             )
         if diverging := int(rows["divergences"].iloc[0]):

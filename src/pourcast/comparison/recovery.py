@@ -9,8 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pourcast.comparison.agreement import Settings
-from pourcast.comparison.candidates import candidates, words_first
-from pourcast.comparison.choice import FITTED
+from pourcast.comparison.candidates import candidates, is_fitted, words_first
 from pourcast.comparison.design import Design, model_recovery_table, power_table
 from pourcast.errors import InputError, unknown
 from pourcast.experiment.data.responses import study_responses
@@ -251,10 +250,10 @@ def study_power(
     InputError
         If the study or a model is wrong, or there are not two.
     """
-    design = study_design(study, liquid, specs)
-    true, rival = list(dict.fromkeys(specs or OPPONENTS))[:2] if len(set(specs)) != 1 else ("", "")
-    if not true:
+    pair = list(dict.fromkeys(specs or OPPONENTS))[:2]
+    if len(pair) < 2:
         raise InputError("model: expected two models to tell apart, found 1")
+    (true, rival), design = pair, study_design(study, liquid, specs)
     own = _participants_of(study, design)
     table = power_table(
         design, true, rival,
@@ -291,17 +290,15 @@ def study_design(study: Path, liquid: str, specs: Sequence[str] = ()) -> Design:
     experiment = study_experiment(study, scenes)
     usual = (experiment and experiment.models) or complete_presets()
     asked = list(dict.fromkeys(specs or usual))
-    given = [spec for spec in asked if not spec.endswith(FITTED)]
+    given = [spec for spec in asked if not is_fitted(spec)]
     judgments = judge_in_study(study, scenes, [(liquid, spec) for spec in given], _GRID)
     nobody = Trials(shown, (), tuple(scenes), np.empty((0, len(scenes))))
     sets = candidates(study_judgments(study, scenes), [nobody])
     names = {
-        f"{one.model}{FITTED}": name
-        for name, one in sets.items()
-        if len(one.judgments) > 1 and one.free
+        one.fitted_name: name for name, one in sets.items() if len(one.judgments) > 1 and one.free
     }
     for spec in asked:
-        if spec.endswith(FITTED) and spec not in names:
+        if is_fitted(spec) and spec not in names:
             raise InputError(f"model: {unknown(spec, names) if names else f'{spec}: no sweep'}")
     wanted = [names[spec] for spec in asked if spec in names] if specs else list(names.values())
     return Design(

@@ -9,8 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 import pourcast
-from pourcast.comparison.candidates import PAPER
-from pourcast.comparison.choice import FITTED
+from pourcast.comparison.candidates import PAPER, is_fitted
 from pourcast.comparison.compare import Comparison
 from pourcast.files import finished_files
 from pourcast.report.numbers import engine_in_words, fields_in_words, liquid_in_words
@@ -119,7 +118,7 @@ def _choice(comparison: Comparison) -> str:
     sentences = [f"Parameters were chosen by correlation with people, {' or '.join(ways)}"]
     if "cross_validation" in comparison.tables:
         sentences.append("the choice was cross-validated on random halves of the scenes")
-    if any(name.endswith(FITTED) for one in comparison.compared for name in one.names):
+    if any(is_fitted(name) for one in comparison.compared for name in one.names):
         sentences.append(
             "for the comparison with other models, each half of the scenes was judged with the "
             "parameters that were chosen on the other half"

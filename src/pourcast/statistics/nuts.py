@@ -105,13 +105,13 @@ class Sampler:
         How posteriors are drawn.
     """
 
+    diverging = "diverging"
+    """Name by which the kernel tells of a broken trajectory."""
+
     def __init__(self, model: Callable[..., None], sampling: Sampling | None = None) -> None:
         self.sampling = sampling or Sampling()
         self._model = model
         self._compiled: dict[tuple[tuple[int, ...], ...], Any] = {}
-
-    diverging = "diverging"
-    """Name by which the kernel tells of a broken trajectory."""
 
     def kernel(self, *data: Any) -> Any:
         """What makes the steps of a chain."""

@@ -229,11 +229,12 @@ def _values(
     if source.pattern is not None:
         cells = cells.astype("string").str.extract(source.pattern, expand=False).astype(object)
         cells = cells.where(cells.notna() & (cells != ""), np.nan)
-    wrong = kept & cells.isna() & raw[source.column].notna()
+    wrong = cells.isna() & raw[source.column].notna()
     if source.fill:
-        # What doesn't match would get what stands above: somebody else's.
-        wrong = cells.isna() & raw[source.column].notna()
+        # In any row: what doesn't match would get what stands above, somebody else's.
         cells = cells.ffill()
+    else:
+        wrong &= kept
     refuse_rows(
         path, raw, source.column, wrong, f"expected a text that matches {source.pattern}",
         raw.index.to_list(),
