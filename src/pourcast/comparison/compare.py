@@ -217,21 +217,54 @@ def study_trials(study: Path, options: ComparisonOptions) -> StudyTrials:
     )  # fmt: skip
 
 
-def compare_study(
-    study: Path, options: ComparisonOptions, report: Report = no_report
-) -> Comparison:
-    """Compare a study's models with people.
+@dataclass(frozen=True)
+class Matched:
+    """People and models on the same scenes, before anything is computed.
+
+    Parameters
+    ----------
+    read
+        The responses.
+    experiment
+        What the study was made from, if it was.
+    own
+        The study's own liquids.
+    specs, labels
+        Models with parameters given beforehand, and what they are called.
+    wanted
+        (Liquid, spec) of all that were judged.
+    judged, candidates
+        All judgments that were swept, and what parameters are chosen from.
+    people
+        People and models, one for each liquid; fitted models among them.
+    carried
+        The same with the models that are carried over; empty if there are none.
+    fitted
+        Fitted models that were asked for.
+    """
+
+    read: StudyTrials
+    experiment: Experiment | None
+    own: tuple[Liquid, ...]
+    specs: list[str]
+    labels: Mapping[str, str]
+    wanted: list[LiquidAndModel]
+    judged: Judgments
+    candidates: Mapping[str, Candidates]
+    people: tuple[PeopleAndModels, ...]
+    carried: tuple[PeopleAndModels, ...]
+    fitted: list[str]
+
+
+def match_study(study: Path, options: ComparisonOptions, report: Report = no_report) -> Matched:
+    """People's responses to a study beside the models' judgments of the same scenes.
 
     Judgments that are not there yet are simulated, through the study's store.
 
     Parameters
     ----------
-    study
-        The study folder.
-    options
-        What is to be compared.
-    report
-        Told of the progress.
+    study, options, report
+        As for `compare_study`.
 
     Raises
     ------
@@ -240,9 +273,9 @@ def compare_study(
     StoreError
         If judgments could not be made.
     """
-    scenes, settings = study_scenes(study), options.settings
     if options.bayes:
         require_extra("bayes")
+    scenes = study_scenes(study)
     read = study_trials(study, options)
     trials, path = read.trials, read.path
     if options.bayes and any(one.means_of is not None for one in trials):
@@ -253,7 +286,7 @@ def compare_study(
                 f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
                 f"least {agreement.FEWEST_SCENES}"
             )
-    experiment, own = study_experiment(study, scenes), study_liquids(study)
+    experiment = study_experiment(study, scenes)
     usual = (experiment and experiment.models) or complete_presets()
     asked = list(options.models or usual)
     fitted = [spec for spec in options.models if is_fitted(spec)]
@@ -294,37 +327,76 @@ def compare_study(
 
     judged = study_judgments(study, scenes)
     sets = candidates(judged, trials)
-    people = choice.with_fitted(compared([*specs, stimulus.NAME]), sets, settings)
-    if options.models:
-        people = _only(people, fitted, path)
+    people = choice.with_fitted(compared([*specs, stimulus.NAME]), sets, options.settings)
+    return Matched(
+        read=read,
+        experiment=experiment,
+        own=tuple(study_liquids(study)),
+        specs=specs,
+        labels=labels,
+        wanted=wanted,
+        judged=judged,
+        candidates=sets,
+        people=_only(people, fitted, path) if options.models else people,
+        carried=compared(carried) if carried else (),
+        fitted=fitted,
+    )
+
+
+def compare_study(
+    study: Path, options: ComparisonOptions, report: Report = no_report
+) -> Comparison:
+    """Compare a study's models with people.
+
+    Judgments that are not there yet are simulated, through the study's store.
+
+    Parameters
+    ----------
+    study
+        The study folder.
+    options
+        What is to be compared.
+    report
+        Told of the progress.
+
+    Raises
+    ------
+    InputError
+        If the study, the responses or a model is wrong; names file, row and column.
+    StoreError
+        If judgments could not be made.
+    """
+    scenes, settings = study_scenes(study), options.settings
+    found = match_study(study, options, report)
+    read, people = found.read, found.people
     report("comparing: single participants", 0, 1)
     individuals = agreement.individuals(people, settings)
-    tables = _tables(people, judged, sets, settings, individuals, report)
+    tables = _tables(people, found.judged, found.candidates, settings, individuals, report)
     if options.bayes:
-        tables |= _bayes(people, experiment, settings, report)
+        tables |= _bayes(people, found.experiment, settings, report)
     if options.carried is not None:
-        tables["carried"] = choice.carried_table(compared(carried), options.carried, settings)
+        tables["carried"] = choice.carried_table(found.carried, options.carried, settings)
     return Comparison(
         study=study,
-        experiment=experiment,
+        experiment=found.experiment,
         scenes=tuple(scenes),
-        source=(path, _digest(path)),
+        source=(read.path, _digest(read.path)),
         columns=read.columns,
         simulated=read.simulated,
         settings=settings,
         compared=people,
-        judged=judged,
-        candidates=sets,
-        pours=tuple(_pours(scenes, wanted, own)),
+        judged=found.judged,
+        candidates=found.candidates,
+        pours=tuple(_pours(scenes, found.wanted, found.own)),
         exclusions=read.exclusions,
         remarks=(
             *read.told,
-            *_models_remarks(specs, labels, own),
+            *_models_remarks(found.specs, found.labels, found.own),
             *_fitted_remarks(people),
-            *not_fitted(fitted, {one.trials.liquid: one.names for one in people}),
+            *not_fitted(found.fitted, {one.trials.liquid: one.names for one in people}),
             *read.remarks,
-            *_doubts(tables, judged, people, individuals, settings),
-            *_doubts_of_posteriors(tables, people, experiment),
+            *_doubts(tables, found.judged, people, individuals, settings),
+            *_doubts_of_posteriors(tables, people, found.experiment),
         ),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
@@ -462,7 +534,7 @@ def _pours(
 
 
 def _models_remarks(
-    specs: Sequence[str], labels: dict[str, str], own: Sequence[Liquid]
+    specs: Sequence[str], labels: Mapping[str, str], own: Sequence[Liquid]
 ) -> list[str]:
     """What is to be known of the models themselves."""
     said = {labels[spec]: make_model(spec, own).remark for spec in specs}
