@@ -446,7 +446,8 @@ def _fitted_remarks(people: Sequence[PeopleAndModels]) -> list[str]:
     return [
         f"{', '.join(dict.fromkeys(fitted))}: each half of the scenes is judged with parameters "
         "that were chosen on the other half, so that r, intervals and tests are not flattered by "
-        "the choice (halves are drawn by --seed: look whether another one tells the same apart)"
+        f"the choice (of {choice.FITTED_HALVINGS} random halvings, drawn by --seed, the one of "
+        "median r; another seed may yet tell what is on the edge)"
     ]
 
 
