@@ -354,6 +354,8 @@ def pairs(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _of_single_answers(answers: _Answers, measure: Measure) -> Array:
     """Variance as if each answer were independent of all others: the sum of scenes' jackknifes."""
     scenes, who = np.nonzero(answers.there.T & (answers.count > 1)[:, None])
+    if not len(who):
+        return np.zeros(1)
     values = _measured(answers.without_answers(who, scenes), measure)
     first = np.flatnonzero(np.diff(scenes, prepend=-1))
     n = np.diff(first, append=len(scenes))[:, None]
