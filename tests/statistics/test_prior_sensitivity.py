@@ -79,8 +79,9 @@ def flat():
 def test_what_data_say_nothing_of_is_the_prior_s(flat):
     data, posterior = flat
     table = prior_sensitivity(posterior, data).set_axis(PARAMETERS)
-    for name in ("slope", "spread_slope"):
-        assert table.loc[name, "diagnosis"] == STRONG_PRIOR, table
+    assert table.loc["slope", "diagnosis"] == STRONG_PRIOR, table
+    spread = table.loc["spread_slope"]
+    assert spread["prior_sensitivity"] > 2.0 * max(SENSITIVE, spread["likelihood_sensitivity"])
     assert table.loc["precision", "likelihood_sensitivity"] > 3.0 * SENSITIVE
     assert table.loc["intercept", "diagnosis"] == ""
 

@@ -93,7 +93,10 @@ def compare_models(
         summary = posterior.summary(PARAMETERS, level)
         sensitivity = prior_sensitivity(posterior, one)
         summaries.append(_of_model(name, summary.join(sensitivity)))
-        checked = predictive_checks(posterior, one, sampler.sampling.seed, level=level)
+        checked = predictive_checks(
+            posterior, one, sampler.sampling.seed,
+            replicates=sampler.sampling.replicates, level=level,
+        )  # fmt: skip
         checks.append(_of_model(name, checked.statistics))
         tenths.append(_of_model(name, checked.tenths))
         for unit in units:

@@ -22,11 +22,9 @@ from pourcast.statistics.jackknife import LEVEL
 from pourcast.statistics.nuts import Posterior
 from pourcast.statistics.ordered_beta import Answering, draw_answers
 from pourcast.statistics.response_model import Answers, Predictor
+from pourcast.statistics.sampling import Sampling
 
 Array = NDArray[np.float64]
-
-REPLICATES = 1000
-"""Data sets made anew, by the same participants and by new ones."""
 
 OTHER_TENTHS = "answers in other tenths"
 """The share of answers that would have to be in another tenth of the scale."""
@@ -61,7 +59,7 @@ def predictive_checks(
     data: Answers,
     seed: int = 0,
     *,
-    replicates: int = REPLICATES,
+    replicates: int = Sampling.replicates,
     level: float = LEVEL,
 ) -> Checks:
     """Compare answers that the fitted model makes with those that it was fitted to.

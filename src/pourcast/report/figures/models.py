@@ -115,10 +115,12 @@ def answers_by_tenths(tenths: pd.DataFrame) -> Figure:
                 label="95 % of replicates",
             )  # fmt: skip
             axes.stairs(rows["mean"], edges, baseline=None, color=BLUE, label="their mean")
-            axes.set(title=name, xlabel="answer", xlim=(0.0, 1.0), ylim=(0.0, None))
-        figure.axes[0].set_ylabel("share of answers")
+            axes.set(title=name.replace(":", ":\n").replace(",", ",\n"), xlabel="answer")
+            axes.set(xlim=(0.0, 1.0), xticks=(0.0, 0.5, 1.0))
+        highest = float(tenths[["observed", "high"]].to_numpy().max())
+        figure.axes[0].set(ylabel="share of answers", ylim=(0.0, 1.05 * highest))
         figure.legend(
-            *figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3,
+            *figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3,
             frameon=False,
         )  # fmt: skip
     return figure
