@@ -8,6 +8,7 @@ from pourcast import cli
 from pourcast.comparison.compare import TABLES, ComparisonOptions, compare_study
 from pourcast.observers.observers import Observers
 from pourcast.observers.responses import rehearse
+from pourcast.report import contents
 from pourcast.report.methods import methods
 from pourcast.scenes.scene_file import write_scenes
 from pourcast.statistics.sampling import Sampling
@@ -36,15 +37,21 @@ def test_compare_prints_and_writes_what_single_answers_say(tmp_path, monkeypatch
     ):
         assert note in told
     assert {path.stem for path in (tmp_path / "t").iterdir()} >= {
-        "loo", "loo_differences", "posterior",
+        "loo", "loo_differences", "posterior", "predictive_checks", "predictive_tenths",
     }  # fmt: skip
     assert cli.run(["compare", str(study), *models, "--bayes", "--json"]) == 0
     tables = json.loads(capsys.readouterr().out)["tables"]
     assert {row["unit"] for row in tables["loo"]} == {"scenes"}
     assert {"largest_k", "refitted", "divergences", "p_loo", "weight"} <= set(tables["loo"][0])
     assert {"r_hat", "ess_bulk", "ess_tail", "divergences"} <= set(tables["posterior"][0])
+    assert {"prior_sensitivity", "diagnosis"} <= set(tables["posterior"][0])
+    assert {"same", "new"} == {row["replicated"] for row in tables["predictive_checks"]}
+    assert "note: water: priors count in the posteriors of " in told
     found = compare_study(study, ComparisonOptions(models=("gravity",), bayes=True))
     said = methods(found)
+    assert "1,000 data sets of the same participants and scenes" in said
+    shown = {one.name for one in contents.figures(found)}
+    assert {"predictive_checks_water", "predictive_checks_honey"} <= shown
     assert "4 chains of 500 + 500 draws" in said
     assert "scenes were left out one at a time" in said
     assert "participants were left out" not in said

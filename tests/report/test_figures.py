@@ -51,6 +51,26 @@ def test_scatter_shows_every_scene():
     assert dots.get_ydata() == pytest.approx(one.trials.responses.mean(axis=0))
 
 
+def test_people_s_answers_stand_beside_those_of_the_models():
+    tenths = pd.DataFrame(
+        {
+            "model": np.repeat(["a", "b:n=1"], 10), "above": np.tile(np.arange(10) / 10, 2),
+            "below": np.tile(np.arange(1, 11) / 10, 2), "observed": [0.55, *[0.05] * 9] * 2,
+            "mean": 0.1, "low": 0.08, "high": 0.12,
+        }
+    )  # fmt: skip
+    figure = models.answers_by_tenths(tenths)
+    assert [axes.get_title() for axes in figure.axes] == ["a", "b:\nn=1"]
+    for axes in figure.axes:
+        (people, *_), (high, _, low), (mean, *_) = (one.get_data() for one in axes.patches)
+        assert people.tolist() == [0.55, *[0.05] * 9]
+        assert (high == 0.12).all()
+        assert (low == 0.08).all()
+        assert (mean == 0.1).all()
+        assert axes.get_ylim()[0] == 0.0
+        assert axes.get_ylim()[1] > 0.55
+
+
 def test_the_best_of_each_family_comes_first():
     assert models.best_of_each_family(compared(), 3)[0] == "right"
 

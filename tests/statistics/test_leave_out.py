@@ -13,6 +13,7 @@ from pourcast.statistics import leave_out as module
 from pourcast.statistics.leave_out import UNITS, largest_k, leave_out
 from pourcast.statistics.loo import compare_models, stacking_weights, units_of
 from pourcast.statistics.nuts import Sampler
+from pourcast.statistics.quadrature import places_of
 from pourcast.statistics.response_model import Answers, information, response_model
 from tests.statistics.test_likelihood import TRUE, draw, ordered_beta_log_density
 from tests.statistics.test_response_model import study
@@ -73,7 +74,7 @@ def test_effects_are_integrated_out(spread, sampler):
     answers[0, 1] = np.nan
     data = Answers.of(answers, judgments)
     posterior = sampler.posterior(*data)
-    places = module._places(posterior, data)
+    places = places_of(posterior, data)
     # The draws with the least spread, too: a rule with few nodes may miss what is narrow.
     for at in (0, *(int(posterior.flat(name, 500).argmin()) for name in spreads)):
         for unit, tolerance in (("scenes", 0.05), ("participants", 0.15)):

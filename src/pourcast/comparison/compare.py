@@ -7,7 +7,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from pourcast.comparison import agreement, choice, liquid_effect, stimulus, window
+from pourcast.comparison import (
+    agreement,
+    choice,
+    liquid_effect,
+    posterior_checks,
+    stimulus,
+    window,
+)
 from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.comparison.answer import answers
 from pourcast.comparison.candidates import Candidates, candidates, is_fitted, not_fitted
@@ -159,6 +166,10 @@ TABLES = {
     "loo_differences": "Likelihood of single answers: which model is told from which",
     "liquid_effect": "People's sensitivity to what models say that the liquid changes",
     "posterior": "Likelihood of single answers: parameters of the response model, with intervals",
+    "predictive_checks": "Likelihood of single answers: what people answer, beside what the fitted "
+    "response model answers in their place (posterior predictive checks)",
+    "predictive_tenths": "Likelihood of single answers: share of answers in each tenth of the "
+    "scale, beside those of the fitted response model",
     "variance": "Variance of deterministic judgments over the window of dampings",
     "variance_tests": "Unpaired t-tests between these variances",
     "scores": "Correlation of every swept candidate",
@@ -493,15 +504,17 @@ def _bayes(
     # JAX is loaded only for this.
     from pourcast.statistics.loo import compare_models  # noqa: PLC0415
 
-    parts: dict[str, list[pd.DataFrame]] = {"loo": [], "loo_differences": [], "posterior": []}
+    parts: dict[str, list[pd.DataFrame]] = {
+        "loo": [], "loo_differences": [], "posterior": [], "predictive_checks": [],
+        "predictive_tenths": [],
+    }  # fmt: skip
     for one in people:
         fit = compare_models(
             one.trials.responses, one.models, Sampling(seed=settings.seed), report,
             level=settings.level,
         )  # fmt: skip
-        for part, table in zip(
-            parts.values(), (fit.loo, fit.differences, fit.parameters), strict=True
-        ):
+        found = (fit.loo, fit.differences, fit.parameters, fit.checks, fit.tenths)
+        for part, table in zip(parts.values(), found, strict=True):
             part.append(_labelled(table, one))
     tables = {name: pd.concat(part, ignore_index=True) for name, part in parts.items()}
     return tables | {
@@ -586,6 +599,8 @@ def _doubts_of_posteriors(
     doubts = list(_not_converged(tables["posterior"], ""))
     if len(effects := tables["liquid_effect"]):
         doubts += _not_converged(effects, " of the liquid's effect")
+    doubts += posterior_checks.unlike_people(tables["predictive_checks"])
+    doubts += posterior_checks.sensitive_to_priors(tables["posterior"])
     doubts += [_unknown_loo(one.trials) for one in people]
     doubts += liquid_effect.unknown_liquid_effects(people, experiment)
     return [doubt for doubt in doubts if doubt]

@@ -32,6 +32,9 @@ from pourcast.study.folder import study_liquids
 POWER_OBSERVERS = (5, 10, 20, 40)
 POWER_SCENES = (12, 30, 60, 120)
 
+MOST_HISTOGRAMS = 4
+"""Models whose answers are shown beside people's."""
+
 CAPTIONS = {
     "stimuli": "Some of the scenes, as they are seen at first.",
     "against_null": "Participants' correlations with the ground truth, beside those of responses "
@@ -41,6 +44,9 @@ CAPTIONS = {
     "intervals; diamonds, if any: published values.",
     "best": "The best model of each family, {liquid} trials; a dot a scene.",
     "differences": "Who beats whom, {liquid} trials.",
+    "predictive_checks": "Likelihood of single answers, {liquid} trials: share of answers in each "
+    "tenth of the scale (bars), and of answers that the fitted response model makes for the same "
+    "participants and scenes (line: mean; band: 95 % of data sets).",
     "zeta_profiles": "Correlation with people along the damping, other parameters as chosen; "
     "dots: the choice.",
     "alpha_zeta": "Correlation of the uncertain IFE with people by viscosity and damping; "
@@ -127,6 +133,9 @@ def figures(comparison: Comparison) -> Iterator[ReportFigure]:
         if len(one.models) > 1:
             matrix = models.differences(tables["differences"], one.trials.liquid)
             yield drawn("differences", "models", matrix, short)
+        if "predictive_tenths" in tables:
+            histograms = models.answers_by_tenths(_best_predicted(tables, one.trials.liquid))
+            yield drawn("predictive_checks", "models", histograms, short)
     if "choice" in tables:
         yield from _fits(tables["scores"], tables["choice"], drawn)
     example = comparison.scenes[0]
@@ -134,6 +143,15 @@ def figures(comparison: Comparison) -> Iterator[ReportFigure]:
     engine = scenes.particle_engine(example, liquids, own)
     yield drawn("particle_engine", "explained", engine, **look)
     yield drawn("heuristics", "explained", scenes.heuristics(example), **look)
+
+
+def _best_predicted(tables: dict[str, pd.DataFrame], liquid: str) -> pd.DataFrame:
+    """Histograms of the models that predict single answers of a liquid best."""
+    rows = tables["predictive_tenths"]
+    rows = rows[rows["liquid"] == liquid]
+    ranked = tables.get("loo", rows)
+    best = ranked.loc[ranked["liquid"] == liquid, "model"].drop_duplicates()[:MOST_HISTOGRAMS]
+    return rows.set_index("model").loc[best].reset_index()
 
 
 def _fits(

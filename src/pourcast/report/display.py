@@ -50,6 +50,7 @@ HEADINGS = {
     "ess_bulk": "effective draws",
     "ess_tail": "effective draws, tails",
     "probability": "P(above 0)",
+    "replicated": "participants and scenes",
     "relative": "over the slope between scenes",
 }
 

@@ -150,6 +150,9 @@ def _bayes(comparison: Comparison) -> str:
         "participants (intercept and slope) and of scenes (intercept), by NUTS with "
         f"{SAMPLING.chains} chains of {SAMPLING.warmup} + {SAMPLING.draws} draws ({libraries})"
         f"{''.join(f'; {part}' for part in left_out)}. "
+        f"Each fit was checked by answers made from it (posterior predictive checks: "
+        f"{SAMPLING.replicates:,} data sets of the same participants and scenes, and as many of "
+        "new ones), and how far its parameters depend on their priors by power-scaling. "
         f"{effect if 'liquid_effect' in comparison.tables else ''}"
     )
 

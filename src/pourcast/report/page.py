@@ -28,8 +28,8 @@ from pourcast.study.experiments.base import Experiment, published_with_people
 from pourcast.study.folder import study_liquids
 from pourcast.tables import write_table
 
-ONLY_IN_FILES = ("scores", "judgments", "participants")
-"""Tables too long for the page; they lie in `tables/`."""
+ONLY_IN_FILES = ("scores", "judgments", "participants", "predictive_tenths")
+"""Tables too long for the page, or shown as a figure; they lie in `tables/`."""
 
 _TOO_WIDE = {"choice": ["candidates", "paper"]}
 """Columns of tables that have no room on the page; they are in `tables/`."""

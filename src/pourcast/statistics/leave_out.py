@@ -15,21 +15,26 @@ Needs the extra ``pourcast[bayes]``.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Literal, NamedTuple, get_args
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from arviz_stats.base import array_stats
-from jax.scipy.stats import norm
-from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from pourcast.statistics.nuts import Posterior, Sampler
-from pourcast.statistics.ordered_beta import Answering, log_density, stretch
-from pourcast.statistics.response_model import Answers, Information, information
+from pourcast.statistics.quadrature import (
+    DRAWN,
+    Places,
+    density,
+    over_draws,
+    participant_nodes,
+    places_of,
+    scene_nodes,
+    without_scenes,
+)
+from pourcast.statistics.response_model import Answers
 
 Array = NDArray[np.float64]
 
@@ -79,7 +84,7 @@ def leave_out(unit: Unit, sampler: Sampler, posterior: Posterior, data: Answers)
         All answers.
     """
     kind = _KINDS[unit]
-    places = _places(posterior, data)
+    places = places_of(posterior, data)
     everything = np.arange(data.answers.shape[kind.axis])
     likelihood = kind.likelihood(posterior, data, places, everything)
     weights, k = array_stats.psislw(likelihood, axis=0)
@@ -117,118 +122,35 @@ def _without(answered: NDArray[np.bool_], one: np.intp, axis: int) -> NDArray[np
     return left
 
 
-# Effects, integrated out by Gauss-Hermite quadrature about where they lie in the posterior, on the
-# scale of `sample_effects`, on which that depends little on their spread --------------------------
-
-
-class _Places(NamedTuple):
-    """Where effects lie, on their scale: mean, and root of the covariance."""
-
-    scene: Any
-    scene_root: Any
-    participant: Any
-    participant_root: Any
-    known: Information
-
-
-def _places(posterior: Posterior, data: Answers) -> _Places:
-    known = information(data.answered, data.x)
-    scene = _on_their_scale(posterior, "scene", "spread_scene", known.scene)
-    intercept = _on_their_scale(
-        posterior, "participant_intercept", "spread_intercept", known.intercept
-    )
-    slope = _on_their_scale(posterior, "participant_slope", "spread_slope", known.slope)
-    own = np.stack([intercept, slope], axis=-1)
-    centred = own - own.mean(axis=0)
-    root = np.linalg.cholesky(np.einsum("dpi,dpj->pij", centred, centred) / len(own))
-    return _Places(scene.mean(axis=0), scene.std(axis=0), own.mean(axis=0), root, known)
-
-
-def _scale(spread: Any, known: Any) -> Any:
-    return spread / stretch(spread, known)
-
-
-def _on_their_scale(posterior: Posterior, name: str, spread: str, known: float) -> Array:
-    scale = np.asarray(_scale(posterior.flat(spread), known))
-    own: Array = posterior.flat(name) / scale[:, None]
-    return own
-
-
-def _nodes(count: int) -> tuple[Array, Array]:
-    """Nodes, and log weights for an integral of a function that has no normal density in it."""
-    nodes, weights = hermegauss(count)
-    return nodes, np.log(weights) + 0.5 * nodes**2
-
-
-def _density(draw: Mapping[str, Any], data: Answers, eta: Any) -> Any:
-    """Log density of each answer, 0 where there is none; at nodes on further axes of eta."""
-    nodes = (1,) * (eta.ndim - 2)
-    answering = Answering(*(draw[name] for name in Answering._fields))
-    density = log_density(data.answers.reshape(*data.answers.shape, *nodes), eta, answering)
-    return jnp.where(data.answered.reshape(*data.answered.shape, *nodes), density, 0.0)
-
-
-def _without_scenes(draw: Mapping[str, Any], data: Answers) -> Any:
-    """Eta without scenes' effects, shape [participant_count, scene_count]."""
-    slopes = draw["slope"] + draw["participant_slope"]
-    return draw["intercept"] + draw["participant_intercept"][:, None] + slopes[:, None] * data.x
-
-
-def _scene_nodes(draw: Mapping[str, Any], places: _Places, count: int) -> tuple[Any, Any]:
-    """Effects of scenes at nodes, and log weights times prior; both [scene_count, count]."""
-    nodes, log_weights = _nodes(count)
-    own = places.scene[:, None] + places.scene_root[:, None] * nodes
-    spread, known = draw["spread_scene"], places.known.scene
-    prior = norm.logpdf(own, 0.0, stretch(spread, known)) + jnp.log(places.scene_root)[:, None]
-    return _scale(spread, known) * own, prior + log_weights
-
-
-def _participant_nodes(draw: Mapping[str, Any], places: _Places) -> tuple[Any, Any, Any]:
-    """Intercepts and slopes of participants at nodes, and log weights times prior."""
-    nodes, log_weights = _nodes(_PARTICIPANT_NODES)
-    pairs = np.stack([each.ravel() for each in np.meshgrid(nodes, nodes)])
-    own = places.participant[:, :, None] + places.participant_root @ pairs
-    spreads = (draw["spread_intercept"], draw["spread_slope"])
-    known = (places.known.intercept, places.known.slope)
-    u, v = (_scale(*each) * own[:, k] for k, each in enumerate(zip(spreads, known, strict=True)))
-    prior = jnp.log(jnp.diagonal(places.participant_root, axis1=1, axis2=2)).sum(axis=1)[:, None]
-    for k, each in enumerate(zip(spreads, known, strict=True)):
-        prior += norm.logpdf(own[:, k], 0.0, stretch(*each))
-    return u, draw["slope"] + v, prior + np.add.outer(log_weights, log_weights).ravel()
-
-
-def _scenes_of_draw(draw: Mapping[str, Any], data: Answers, places: _Places, which: Any) -> Any:
+def _scenes_of_draw(draw: Mapping[str, Any], data: Answers, places: Places, which: Any) -> Any:
     """Log likelihood of scenes that nobody has answered."""
-    own, prior = _scene_nodes(draw, places, _SCENE_NODES)
-    eta = _without_scenes(draw, data)[:, which, None] + own[which]
+    own, prior = scene_nodes(draw, places, _SCENE_NODES)
+    eta = without_scenes(draw, data)[:, which, None] + own[which]
     some = data._replace(answers=data.answers[:, which], answered=data.answered[:, which])
-    return _log_sum(_density(draw, some, eta).sum(axis=0) + prior[which])
+    return _log_sum(density(draw, some, eta).sum(axis=0) + prior[which])
 
 
 def _participants_of_draw(
-    draw: Mapping[str, Any], data: Answers, places: _Places, which: Any
+    draw: Mapping[str, Any], data: Answers, places: Places, which: Any
 ) -> Any:
     """Log likelihood of participants, by what the others answered."""
-    scenes, prior = _scene_nodes(draw, places, _KNOWN_SCENE_NODES)
-    each = _density(draw, data, _without_scenes(draw, data)[..., None] + scenes)
+    scenes, prior = scene_nodes(draw, places, _KNOWN_SCENE_NODES)
+    each = density(draw, data, without_scenes(draw, data)[..., None] + scenes)
     others = each.sum(axis=0) + prior - each[which]
     others -= _log_sum(others)[..., None]
-    u, v, weights = (values[which] for values in _participant_nodes(draw, places))
+    u, v, weights = (
+        values[which] for values in participant_nodes(draw, places, _PARTICIPANT_NODES)
+    )
     line = draw["intercept"] + u[:, None] + v[:, None] * data.x[:, None]
     eta = line[:, :, None] + scenes[:, :, None]
     some = data._replace(answers=data.answers[which], answered=data.answered[which])
-    predicted = jax.nn.logsumexp(_density(draw, some, eta) + others[..., None], axis=2)
+    predicted = jax.nn.logsumexp(density(draw, some, eta) + others[..., None], axis=2)
     return _log_sum(predicted.sum(axis=1) + weights)
 
 
 def _log_sum(values: Any) -> Any:
     """Logarithm of the sum over nodes."""
     return jax.nn.logsumexp(values, axis=-1)
-
-
-@partial(jax.jit, static_argnums=0)
-def _over_draws(one: Callable[..., Any], drawn: Mapping[str, Any], *rest: Any) -> Any:
-    return jax.lax.map(lambda draw: one(draw, *rest), drawn)
 
 
 class _Kind(NamedTuple):
@@ -239,15 +161,12 @@ class _Kind(NamedTuple):
     most_draws: int
 
     def likelihood(
-        self, posterior: Posterior, data: Answers, places: _Places, which: NDArray[np.intp]
+        self, posterior: Posterior, data: Answers, places: Places, which: NDArray[np.intp]
     ) -> Array:
         """Log likelihood of some units without their own effects, a row a draw."""
-        drawn = {name: posterior.flat(name, self.most_draws) for name in _DRAWN}
-        return np.asarray(_over_draws(self.of_draw, drawn, data, places, which), dtype=float)
+        drawn = {name: posterior.flat(name, self.most_draws) for name in DRAWN}
+        return np.asarray(over_draws(self.of_draw, drawn, data, places, which), dtype=float)
 
-
-_DRAWN = ("intercept", "slope", "spread_intercept", "spread_slope", "spread_scene",
-          "participant_intercept", "participant_slope", *Answering._fields)  # fmt: skip
 
 _KINDS: dict[Unit, _Kind] = {
     "scenes": _Kind(1, _scenes_of_draw, 2000),

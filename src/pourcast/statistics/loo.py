@@ -14,7 +14,9 @@ from pourcast.progress import Report, no_report
 from pourcast.statistics.differences import holm
 from pourcast.statistics.jackknife import FEWEST, LEVEL, Estimate, over_units
 from pourcast.statistics.leave_out import UNITS, LeftOut, Unit, leave_out
-from pourcast.statistics.nuts import Posterior, Sampler
+from pourcast.statistics.nuts import Sampler
+from pourcast.statistics.predictive_checks import predictive_checks
+from pourcast.statistics.prior_sensitivity import prior_sensitivity
 from pourcast.statistics.response_model import PARAMETERS, Answers, response_model
 from pourcast.statistics.sampling import Sampling
 
@@ -41,12 +43,17 @@ class LooComparison:
         rival's), `se`, `p` (two-sided, Student's t), `p_holm` (for all pairs of the unit), `told`
         (whether that is below one minus the level).
     parameters
-        A row a model and a parameter. See `nuts.Posterior.summary`.
+        A row a model and a parameter. See `nuts.Posterior.summary` and
+        `prior_sensitivity.prior_sensitivity`.
+    checks, tenths
+        A row a model and statistic, or tenth of the scale. See `predictive_checks.Checks`.
     """
 
     loo: pd.DataFrame
     differences: pd.DataFrame
     parameters: pd.DataFrame
+    checks: pd.DataFrame
+    tenths: pd.DataFrame
 
 
 def compare_models(
@@ -78,18 +85,27 @@ def compare_models(
     data = [Answers.of(responses, judgments) for judgments in models.values()]
     units = units_of(responses)
     left_out: dict[Unit, dict[str, LeftOut]] = {unit: {} for unit in units}
-    posteriors, summaries = sampler.posteriors(data), []
+    posteriors = sampler.posteriors(data)
+    summaries, checks, tenths = [], [], []
     for done, (name, one) in enumerate(zip(models, data, strict=True)):
         report(f"fitting {name}", done, len(models))
         posterior = next(posteriors)
-        summaries.append(_summary(name, posterior, level))
+        summary = posterior.summary(PARAMETERS, level)
+        sensitivity = prior_sensitivity(posterior, one)
+        summaries.append(_of_model(name, summary.join(sensitivity)))
+        checked = predictive_checks(
+            posterior, one, sampler.sampling.seed,
+            replicates=sampler.sampling.replicates, level=level,
+        )  # fmt: skip
+        checks.append(_of_model(name, checked.statistics))
+        tenths.append(_of_model(name, checked.tenths))
         for unit in units:
             left_out[unit][name] = leave_out(unit, sampler, posterior, one)
-    parameters = pd.concat(summaries, ignore_index=True)
+    parameters = _stacked(summaries)
     divergences = dict(zip(parameters["model"], parameters["divergences"], strict=True))
     tables = [_of_unit(unit, left_out[unit], divergences, level) for unit in units]
     loo, pairs = (_stacked([one[k] for one in tables]) for k in range(2))
-    return LooComparison(loo, pairs, parameters)
+    return LooComparison(loo, pairs, parameters, _stacked(checks), _stacked(tenths))
 
 
 def _stacked(tables: list[pd.DataFrame]) -> pd.DataFrame:
@@ -135,10 +151,9 @@ def stacking_weights(elpd: Array) -> Array:
     return weights
 
 
-def _summary(name: str, posterior: Posterior, level: float) -> pd.DataFrame:
-    summary = posterior.summary(PARAMETERS, level)
-    summary.insert(0, "model", name)
-    return summary
+def _of_model(name: str, table: pd.DataFrame) -> pd.DataFrame:
+    table.insert(0, "model", name)
+    return table
 
 
 def compare_pairs(elpd: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Estimate]:

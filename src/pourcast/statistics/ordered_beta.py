@@ -20,7 +20,7 @@ import numpyro
 import numpyro.distributions as dist
 from jax.nn import log_sigmoid, sigmoid
 from numpy.typing import NDArray
-from scipy.special import logit
+from scipy.special import expit, logit
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,12 @@ SHRINKAGE = 100.0
 
 LAPSE_ENDS = 0.01
 """Share of lapses that are exactly 0 or 1: the slider's step."""
+
+_NEAREST = 1e-6
+"""How near an answer between 0 and 1 may be to them."""
+
+_FURTHEST = 30.0
+"""Eta beyond which the mean is 0 or 1 to all digits, and no beta distribution has it."""
 
 
 class Answering(NamedTuple):
@@ -62,14 +68,21 @@ def predictor(judgments: Array) -> Array:
     return x
 
 
+def answering_priors() -> dict[str, dist.Distribution]:
+    """Weakly informative priors of how answers come from eta; `cut_gap` lies between the cuts."""
+    return {
+        "precision": dist.LogNormal(2.0, 1.0),
+        "lapse": dist.Beta(1.0, 15.0),
+        "cut_low": dist.Normal(-4.0, 1.5),
+        "cut_gap": dist.LogNormal(2.0, 0.5),
+    }
+
+
 def sample_answering() -> Answering:
-    """Draw how answers come from eta, from weakly informative priors."""
-    precision = numpyro.sample("precision", dist.LogNormal(2.0, 1.0))
-    lapse = numpyro.sample("lapse", dist.Beta(1.0, 15.0))
-    cut_low = numpyro.sample("cut_low", dist.Normal(-4.0, 1.5))
-    cut_gap = numpyro.sample("cut_gap", dist.LogNormal(2.0, 0.5))
-    cut_high = numpyro.deterministic("cut_high", cut_low + cut_gap)
-    return Answering(precision, lapse, cut_low, cut_high)
+    """Draw how answers come from eta, from their priors."""
+    drawn = {name: numpyro.sample(name, prior) for name, prior in answering_priors().items()}
+    cut_high = numpyro.deterministic("cut_high", drawn["cut_low"] + drawn["cut_gap"])
+    return Answering(drawn["precision"], drawn["lapse"], drawn["cut_low"], cut_high)
 
 
 def stretch(spread: Any, information: Any) -> Any:
@@ -160,7 +173,7 @@ def log_density(answers: Any, eta: Any, answering: Answering) -> Any:
     """
     precision, lapse, low, high = answering
     mean = sigmoid(eta)
-    inner = jnp.clip(answers, 1e-6, 1.0 - 1e-6)
+    inner = jnp.clip(answers, _NEAREST, 1.0 - _NEAREST)
     gap = jnp.maximum(sigmoid(eta - low) - sigmoid(eta - high), 1e-30)
     a, b = mean * precision, (1.0 - mean) * precision
     # Written out: the first term is one number, and the logarithms don't change.
@@ -171,3 +184,31 @@ def log_density(answers: Any, eta: Any, answering: Answering) -> Any:
     attentive = jnp.log1p(-lapse) + jnp.where(at_end, ends, between)
     lapsed = jnp.log(lapse) + jnp.where(at_end, np.log(LAPSE_ENDS / 2.0), np.log1p(-LAPSE_ENDS))
     return jnp.logaddexp(attentive, lapsed)
+
+
+def draw_answers(eta: Array, answering: Answering, rng: np.random.Generator) -> Array:
+    """Draw answers, by NumPy.
+
+    Parameters
+    ----------
+    eta
+        Linear predictor.
+    answering
+        How answers come from it; numbers, or arrays that go with eta.
+    rng
+        Source of randomness.
+
+    Returns
+    -------
+    ndarray
+        In 0..1, shaped as eta.
+    """
+    precision, lapse, low, high = answering
+    mean = expit(np.clip(eta, -_FURTHEST, _FURTHEST))
+    between = rng.beta(mean * precision, (1.0 - mean) * precision)
+    place = rng.random(eta.shape)
+    answers = np.clip(between, _NEAREST, 1.0 - _NEAREST)
+    answers[place < expit(low - eta)] = 0.0
+    answers[place > expit(high - eta)] = 1.0
+    anywhere = np.clip((rng.random(eta.shape) - LAPSE_ENDS / 2.0) / (1.0 - LAPSE_ENDS), 0.0, 1.0)
+    return np.where(rng.random(eta.shape) < lapse, anywhere, answers)

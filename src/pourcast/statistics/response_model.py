@@ -20,6 +20,7 @@ import numpyro.distributions as dist
 from numpy.typing import NDArray
 
 from pourcast.statistics.ordered_beta import (
+    answering_priors,
     log_density,
     predictor,
     sample_answering,
@@ -77,12 +78,52 @@ def information(answered: Any, x: Any) -> Information:
     return Information(each, each * (x**2).mean(), answered.sum() / scenes)
 
 
+def priors() -> dict[str, dist.Distribution]:
+    """Priors of what is estimated for the population: independent, weakly informative."""
+    return {
+        "intercept": dist.Normal(0.0, 1.0),
+        "slope": dist.Normal(0.5, 0.5),
+        "spread_intercept": dist.HalfNormal(0.5),
+        "spread_slope": dist.HalfNormal(0.3),
+        "spread_scene": dist.HalfNormal(1.0),
+        **answering_priors(),
+    }
+
+
+class Predictor(NamedTuple):
+    """What eta is made of; any number of draws on axes before those that are named.
+
+    Parameters
+    ----------
+    intercept, slope
+        Of the population.
+    participant_intercept, participant_slope
+        Effects of participants, shape [participant_count].
+    scene
+        Effects of scenes, shape [scene_count]; 0 for none.
+    """
+
+    intercept: Any
+    slope: Any
+    participant_intercept: Any
+    participant_slope: Any
+    scene: Any
+
+    def eta(self, x: Any) -> Any:
+        """Eta of each participant and scene, shape [participant_count, scene_count]."""
+        level = self.intercept[..., None] + self.participant_intercept
+        slope = self.slope[..., None] + self.participant_slope
+        return level[..., None] + slope[..., None] * x + self.scene[..., None, :]
+
+
 def response_model(answers: Any, answered: Any, x: Any, line: Any) -> None:
     """The model, for NumPyro. See `Answers`."""
     people, scenes = answers.shape
-    spread_intercept = numpyro.sample("spread_intercept", dist.HalfNormal(0.5))
-    spread_slope = numpyro.sample("spread_slope", dist.HalfNormal(0.3))
-    spread_scene = numpyro.sample("spread_scene", dist.HalfNormal(1.0))
+    prior = priors()
+    spread_intercept, spread_slope, spread_scene = (
+        numpyro.sample(name, prior[name])
+        for name in ("spread_intercept", "spread_slope", "spread_scene")
+    )
     answering = sample_answering()
     known = information(answered, x)
     everybody = jnp.ones((people, 1)), jnp.full((1, people), 1.0 / people)
@@ -92,8 +133,7 @@ def response_model(answers: Any, answered: Any, x: Any, line: Any) -> None:
     v, steepness = sample_effects("participant_slope", spread_slope, known.slope, *everybody)
     design = jnp.stack([jnp.ones(scenes), x], axis=1)
     w, in_line = sample_effects("scene", spread_scene, known.scene, design, line)
-    intercept = sample_coefficient("intercept", dist.Normal(0.0, 1.0), level[0] + in_line[0])
-    slope = sample_coefficient("slope", dist.Normal(0.5, 0.5), steepness[0] + in_line[1])
-    eta = intercept + w + u[:, None] + (slope + v[:, None]) * x
-    density = log_density(answers, eta, answering)
+    intercept = sample_coefficient("intercept", prior["intercept"], level[0] + in_line[0])
+    slope = sample_coefficient("slope", prior["slope"], steepness[0] + in_line[1])
+    density = log_density(answers, Predictor(intercept, slope, u, v, w).eta(x), answering)
     numpyro.factor("answers", jnp.where(answered, density, 0.0).sum())

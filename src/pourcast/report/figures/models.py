@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pourcast.comparison.agreement import PeopleAndModels
 from pourcast.models.registry import family_of, name_of
-from pourcast.pictures.style import COLUMN, GREY, PAGE, RC, new_figure
+from pourcast.pictures.style import BLUE, COLUMN, GREY, PAGE, RC, new_figure
 from pourcast.scenes.liquids.base import Liquid
 from pourcast.scenes.liquids.registry import called, colour_of
 from pourcast.statistics.correlation import mean_judgments, pearson
@@ -91,6 +91,38 @@ def scatter(compared: PeopleAndModels, models: Sequence[str], own: Sequence[Liqu
             axes.set(title=f"{model}\nr = {r:.2f}", xlim=(-0.03, 1.03), ylim=(-0.03, 1.03))
             axes.set(aspect="equal", xlabel="model")
         figure.axes[0].set_ylabel(f"people, {short} trials")
+    return figure
+
+
+def answers_by_tenths(tenths: pd.DataFrame) -> Figure:
+    """Answers in each tenth of the scale, beside those of fitted models, a panel a model.
+
+    Parameters
+    ----------
+    tenths
+        A row a model and a tenth, of one liquid; see `statistics.predictive_checks.Checks`.
+    """
+    names = list(dict.fromkeys(tenths["model"]))
+    with mpl.rc_context(RC):
+        width = PAGE if len(names) > 2 else COLUMN
+        figure = new_figure(width, 2.1)
+        for axes, name in zip(_panels(figure, len(names), sharey=True), names, strict=True):
+            rows = tenths[tenths["model"] == name]
+            edges = [*rows["above"], rows["below"].iloc[-1]]
+            axes.stairs(rows["observed"], edges, fill=True, color=GREY, alpha=0.35, label="people")
+            axes.stairs(
+                rows["high"], edges, baseline=rows["low"], fill=True, color=BLUE, alpha=0.4,
+                label="95 % of replicates",
+            )  # fmt: skip
+            axes.stairs(rows["mean"], edges, baseline=None, color=BLUE, label="their mean")
+            axes.set(title=name.replace(":", ":\n").replace(",", ",\n"), xlabel="answer")
+            axes.set(xlim=(0.0, 1.0), xticks=(0.0, 0.5, 1.0))
+        highest = float(tenths[["observed", "high"]].to_numpy().max())
+        figure.axes[0].set(ylabel="share of answers", ylim=(0.0, 1.05 * highest))
+        figure.legend(
+            *figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3,
+            frameon=False,
+        )  # fmt: skip
     return figure
 
 
