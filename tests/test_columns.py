@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from pourcast import cli
-from pourcast.comparison.compare import ComparisonOptions, compare_study
+from pourcast.comparison.compare import compare_study
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.errors import InputError, ManyFaultsError
 from pourcast.report.methods import provenance
 from pourcast.scenes.scene_file import write_scenes

@@ -9,7 +9,8 @@ import pytest
 
 from pourcast import cli
 from pourcast.comparison.agreement import Settings
-from pourcast.comparison.compare import ComparisonOptions, compare_study
+from pourcast.comparison.compare import compare_study
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.comparison.multiverse import FINDINGS, NO_RULE, study_multiverse
 from pourcast.errors import InputError
 from pourcast.scenes.scene_file import write_scenes

@@ -17,7 +17,7 @@ import pandas as pd
 
 from pourcast.comparison import agreement, stimulus
 from pourcast.comparison.agreement import PeopleAndModels, Settings
-from pourcast.comparison.compare import ComparisonOptions, StudyTrials, match_study, study_trials
+from pourcast.comparison.matching import ComparisonOptions, StudyTrials, match_study, study_trials
 from pourcast.errors import InputError, unknown
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.registry import called
