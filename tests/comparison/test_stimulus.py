@@ -46,7 +46,7 @@ def test_models_are_compared_with_what_the_films_showed(filmed, monkeypatch):
     request = ComparisonOptions(models=("gravity", "truth-stimulus"), settings=QUICK)
     with pytest.raises(InputError, match="truth-stimulus: not all scenes were filmed with honey"):
         compare_study(folder, request)
-    monkeypatch.setattr("pourcast.comparison.compare.complete_presets", lambda: ["gravity"])
+    monkeypatch.setattr("pourcast.comparison.matching.complete_presets", lambda: ["gravity"])
     found = compare_study(folder, ComparisonOptions(settings=QUICK))
     water = next(one for one in found.compared if one.trials.liquid == "water")
     assert water.names[:2] == ["gravity", "truth-stimulus"]

@@ -13,6 +13,7 @@ from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments
 from pourcast.statistics.differences import compare_pairs, holm
 from pourcast.statistics.jackknife import (
+    FEWEST,
     LEVEL,
     SCALES,
     SHARE,
@@ -263,7 +264,10 @@ def unknown_reliability(trials: Trials, table: pd.DataFrame) -> str:
             )
         elif row["split_half"] <= 0.0:
             why = "halves of the participants don't agree: Spearman-Brown has nothing to go by"
-        elif not row["reliability_low"] > 0.0:
+        elif np.isnan(row["reliability_low"]):
+            why = f"an interval over scenes needs at least {FEWEST} of them, not {scenes}"
+            return f"{trials.liquid}: no share of explainable variance: {why}"
+        elif row["reliability_low"] <= 0.0:
             return (
                 f"{trials.liquid}: no share of explainable variance: people's means may be nothing "
                 "but noise (the reliability's interval holds 0)"

@@ -51,7 +51,15 @@ def _answer(
     ceiling = _ceiling(liquid, tables)
     over = over_words(str(rows["over"].iloc[0]))
     how = f"(Over {over}; p < {f'{1.0 - level:.2g}'.lstrip('0')}, Holm.)"
+    if not _is_tested(liquid, tables):
+        how = "(Nothing was tested: a note says why.)"
     return " ".join(part for part in (f"{nearest}{told}.", ceiling, how) if part)
+
+
+def _is_tested(liquid: str, tables: Mapping[str, pd.DataFrame]) -> bool:
+    """Whether any difference between models has a p value."""
+    table = tables.get("differences", pd.DataFrame({"liquid": [], "p_holm": []}))
+    return bool(table.loc[table["liquid"] == liquid, "p_holm"].notna().any())
 
 
 def _told(

@@ -126,7 +126,7 @@ def count_without_alphas(sets: Mapping[str, Candidates]) -> int | None:
     sets
         From `candidates.candidates`.
     """
-    chosen = choose(sets, _scores(sets))
+    chosen = choose(sets, scores_of(sets))
     if "water-ife" not in chosen:
         return None
     water = sets["water-ife"]
@@ -135,8 +135,8 @@ def count_without_alphas(sets: Mapping[str, Candidates]) -> int | None:
     return int(count) if alphas == {OWN_ALPHA} else None
 
 
-def _scores(sets: Mapping[str, Candidates]) -> dict[str, Array]:
-    """Correlation of each candidate."""
+def scores_of(sets: Mapping[str, Candidates]) -> dict[str, Array]:
+    """Correlation of each candidate with people's mean judgments, for each fitted model."""
     return {
         name: pearson(mean_judgments(one.trials.responses), one.judgments)
         for name, one in sets.items()
@@ -164,7 +164,7 @@ def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataF
         from the best one's), `paper` (the paper's parameters) and `r_paper` (their r
         here), `spec`.
     """
-    scores, rows = _scores(sets), []
+    scores, rows = scores_of(sets), []
     for name, number in choose(sets, scores).items():
         one, values = sets[name], sets[name].values(number)
         low, high = _r_interval(one.trials, one.judgments[number], settings)
@@ -283,7 +283,10 @@ def judgments_of_fitted(
         )
         for name, one in sets.items():
             if len(one.judgments) > 1 and name in first and name in other:
-                by_first, by_other = _alike(one.judgments[first[name]], one.judgments[other[name]])
+                picks = first[name], other[name]
+                by_first, by_other = (one.judgments[pick] for pick in picks)
+                if picks[0] != picks[1]:
+                    by_first, by_other = _alike(by_first, by_other)
                 judged[name].append(np.where(halves[name][k] == 1.0, by_other, by_first))
     return {
         name: _of_median_r(sets[name].trials, np.stack(each))
@@ -373,7 +376,7 @@ def cross_validation_table(
     scenes = {one.trials.scenes for one in sets.values()}
     if not sets or min(len(some) for some in scenes) < FEWEST_SCENES:
         return pd.DataFrame()
-    train, test, everywhere = {}, {}, _scores(sets)
+    train, test, everywhere = {}, {}, scores_of(sets)
     # Both liquids show the same scenes; where they don't, each is halved by itself.
     halves = {some: random_halves(len(some), halvings, settings.rng(8)) for some in scenes}
     for name, one in sets.items():
@@ -418,7 +421,7 @@ def _most_chosen(one: Candidates, numbers: Sequence[int], most: int = 3) -> str:
 
 def scores_table(sets: Mapping[str, Candidates]) -> pd.DataFrame:
     """Correlation of every candidate with people: what heat maps and profiles are drawn from."""
-    tables, scores = [], _scores(sets)
+    tables, scores = [], scores_of(sets)
     for name, one in sets.items():
         r = scores[name]
         tables.append(

@@ -205,7 +205,8 @@ def _fitted_remarks(people: Sequence[PeopleAndModels]) -> list[str]:
         f"{', '.join(dict.fromkeys(fitted))}: each half of the scenes is judged with parameters "
         "that were chosen on the other half, so that r, intervals and tests are not flattered by "
         f"the choice (of {choice.FITTED_HALVINGS} random halvings, drawn by --seed, the one of "
-        "median r; another seed may yet tell what is on the edge)"
+        "median r; another seed may yet tell what is on the edge); their RMSE, bias and slope are "
+        "those of both halves at one level and spread"
     ]
 
 

@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 
 from pourcast.comparison.agreement import PeopleAndModels, Settings
 from pourcast.comparison.candidates import Candidates, is_fitted
-from pourcast.comparison.choice import with_fitted
+from pourcast.comparison.choice import choose, scores_of, with_fitted
 from pourcast.progress import Report, no_report
 from pourcast.scenes.scene import Scene
 from pourcast.statistics.correlation import mean_judgments, pearson
@@ -34,8 +34,9 @@ class Design:
     models
         Model's name -> judgments, shape [scene_count]; only those that are given beforehand.
     sets
-        Models that are fitted to each study anew, with all their candidates; see `candidates`. Not
-        those that inherit everything from the trials of another liquid.
+        Models that are fitted to each study anew, with all their candidates; see `candidates`.
+        What they inherit from the trials of another liquid stays as it was chosen there; those
+        that inherit everything are none of these.
     """
 
     liquid: str
@@ -47,13 +48,15 @@ class Design:
     def of(cls, one: PeopleAndModels, sets: Mapping[str, Candidates]) -> "Design":
         """The design of a study that has people's responses; `sets` are those of all liquids."""
         given = {name: j for name, j in one.models.items() if not is_fitted(name)}
-        own = {
-            name: rival
+        chosen = choose(sets, scores_of(sets))
+        own = dict(
+            _with_inherited(name, rival, chosen[name])
             for name, rival in sets.items()
             if rival.trials.liquid == one.trials.liquid
             and rival.free
+            and name in chosen
             and rival.fitted_name in one.models
-        }
+        )
         return cls(one.trials.liquid, one.trials.scenes, given, own)
 
     @property
@@ -102,6 +105,16 @@ class Design:
             for name, one in self.sets.items()
         }
         return with_fitted([PeopleAndModels(trials, models)], sets, settings)[0]
+
+
+def _with_inherited(name: str, one: Candidates, chosen: int) -> tuple[str, Candidates]:
+    """A model with inherited values as they were chosen, by a name under which it inherits none."""
+    inherited = {key: value for key, value in one.values(chosen).items() if key not in one.free}
+    if not inherited:
+        return name, one
+    kept = one.at(**inherited)
+    axes = {key: values[kept] for key, values in one.axes.items()}
+    return one.fitted_name, replace(one, axes=axes, judgments=one.judgments[kept])
 
 
 def model_recovery_table(

@@ -15,9 +15,16 @@ from typing import NamedTuple, get_args
 import numpy as np
 import pandas as pd
 
-from pourcast.comparison import agreement, stimulus
+from pourcast.comparison import agreement, posterior_checks, stimulus
 from pourcast.comparison.agreement import PeopleAndModels, Settings
-from pourcast.comparison.matching import ComparisonOptions, StudyTrials, match_study, study_trials
+from pourcast.comparison.candidates import is_fitted, not_fitted
+from pourcast.comparison.matching import (
+    ComparisonOptions,
+    Matched,
+    StudyTrials,
+    match_study,
+    study_trials,
+)
 from pourcast.errors import InputError, unknown
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.registry import called
@@ -26,9 +33,13 @@ from pourcast.statistics.correlation import mean_judgments
 from pourcast.statistics.differences import NEARER, PairMeasure, compare_pairs, holm
 from pourcast.statistics.jackknife import Over, unknowable
 from pourcast.statistics.sampling import Sampling
+from pourcast.study.trials import Trials
 
 NO_RULE = "nobody"
 """What is excluded where no rule is."""
+
+_AND = " + "
+"""Between rules that are applied together."""
 
 LIKELIHOOD = "likelihood"
 """The measure of single answers, beside those of `PairMeasure`."""
@@ -69,9 +80,9 @@ class Multiverse:
     to be nearest), `exclusions`, `participants`, `scenes`, `measure`, `over`, `rival`, `difference`
     (positive where the claimed model is nearer), `low`, `high` (of r and RMSE), `p`, `p_holm` (for
     all pairs of the analysis) and `finding`, one of `FINDINGS`. `analyses` counts them: `best` (the
-    model that is nearest), `told_nearer`, `told_farther`, `rivals`. `choices`: for each option of
-    a choice the share of analyses in which the claimed model is `nearest`, and the mean share of
-    the others from which it is told (`told_from`).
+    model that is nearest), `nearest` (whether that is the claimed one), and how many others are of
+    each finding. `choices`: for each option of a choice the share of analyses in which the claimed
+    model is `nearest`, and the mean share of the others from which it is told (`told_from`).
     """
 
     simulated: bool
@@ -83,6 +94,7 @@ class Multiverse:
 class _Analysis(NamedTuple):
     """One way to analyse the trials of one liquid.
 
+    `nearness`: how near each model is to people, the larger the nearer; NaN where that is unknown.
     `pairs`: `model`, `rival`, `difference` (positive where the model is nearer), `low`, `high`, `p`
     and `p_holm`.
     """
@@ -93,8 +105,22 @@ class _Analysis(NamedTuple):
     scenes: int
     measure: str
     over: str
-    best: str
+    nearness: Mapping[str, float]
     pairs: pd.DataFrame
+
+    @property
+    def best(self) -> str:
+        """The nearest model; empty if that is unknown."""
+        known = {name: value for name, value in self.nearness.items() if not np.isnan(value)}
+        return max(known, key=known.__getitem__) if known else ""
+
+    def is_nearest(self, name: str) -> bool:
+        """Whether no other model is nearer than this one."""
+        return bool(self.best and self.nearness[name] >= self.nearness[self.best] - _EQUAL)
+
+
+_EQUAL = 1e-12
+"""Models nearer to one another than this are equally near to people."""
 
 
 def study_multiverse(
@@ -104,7 +130,8 @@ def study_multiverse(
 
     Exclusions (each rule applied and not applied, with all others) x measure (r, RMSE; with
     `options.bayes` the likelihood of single answers) x what a conclusion holds over. Parameters of
-    fitted models are chosen anew for each; ground truths are among the models.
+    fitted models are chosen anew for each; by r, so these are not compared by RMSE. Ground truths
+    that are compared are among the models.
 
     Parameters
     ----------
@@ -115,8 +142,8 @@ def study_multiverse(
         ones as far as they fit (`usual_rules`). The main analysis excludes by all the rules that
         are given, and measures r over `options.settings.over`.
     claim
-        The model that is claimed to be nearest to people; by default, for each liquid, the one
-        that is nearest in the main analysis.
+        The model that is claimed to be nearest to people; by default, and for liquids without that
+        model, the one that is nearest in the main analysis.
     report
         Told of the progress.
 
@@ -128,45 +155,57 @@ def study_multiverse(
         If judgments could not be made.
     """
     settings = options.settings
-    rule_sets, main, said = _rule_sets(study, options)
+    rules = _tried_rules(study, options)
     analyses: list[_Analysis] = []
     chances: list[pd.DataFrame] = []
-    remarks: dict[str, None] = dict.fromkeys(said)
-    for done, rules in enumerate(rule_sets):
-        words = _words(rules)
-        report(f"excluded: {words}", done, len(rule_sets))
-        found = match_study(study, replace(options, exclude=rules))
+    remarks: dict[str, None] = dict.fromkeys(rules.remarks)
+    seen: dict[bytes, str] = {}
+    main: dict[str, str] = {}
+    liquids: list[str] = []
+    for done, chosen in enumerate(rules.sets):
+        words = _words(chosen)
+        report(f"excluded: {words}", done, len(rules.sets))
+        found = match_study(study, replace(options, exclude=chosen))
+        if claim and not done:
+            _check_claim(claim, found.people)
+        # Rules that take out nothing of a liquid's answers make no other analysis of it.
+        new = [one for one in found.people if _digest(one.trials) not in seen]
         for one in found.people:
+            first = seen.setdefault(_digest(one.trials), words)
+            if chosen == rules.main:
+                main[one.trials.liquid] = first
+        for one in new:
             analyses += _by_answers(one, words, settings)
             if options.bayes:
-                analyses += _by_likelihood(one, words, settings, report)
+                by_likelihood, said = _by_likelihood(one, words, settings, report)
+                analyses += by_likelihood
+                remarks |= dict.fromkeys(f"excluded: {words}: {text}" for text in said)
             remarks |= dict.fromkeys(_unknown(one, words))
-            chances += [_against_each_truth(one, words, settings)]
+        liquids = liquids or [one.trials.liquid for one in found.people]
+        told = _remarks(found, words, liquids, is_main=chosen == rules.main)
+        remarks |= dict.fromkeys(told)
+        chances += _against_each_truth(found.people, new, words, settings)
     if not analyses:
         raise InputError(f"{found.read.path}: {'; '.join(remarks)}")
-    remarks |= dict.fromkeys(found.read.told)
-    claims = {
-        liquid: _claimed(
-            claim, [one for one in analyses if one.liquid == liquid], _words(main), settings
-        )
-        for liquid in dict.fromkeys(one.liquid for one in analyses)
-    }
+    claims = _claims(claim, analyses, main, settings)
+    remarks |= dict.fromkeys(_claims_remarks(claim, claims, analyses))
     findings = pd.concat(
-        [_findings(one, claims[one.liquid], settings) for one in analyses], ignore_index=True
+        [_findings(one, claims[one.liquid], settings) for one in analyses if _has(one, claims)],
+        ignore_index=True,
     )
     tables = {
-        "analyses": _analyses_table(analyses, findings),
-        "choices": _choices_table(analyses, findings, claims),
+        "analyses": _analyses_table(analyses, findings, claims),
         "findings": findings,
-        "chance": pd.concat(chances, ignore_index=True),
+        "chance": pd.concat(chances, ignore_index=True) if chances else pd.DataFrame(),
     }
+    tables["choices"] = _choices_table(tables["analyses"])
     answers = [
-        _answer(claims[str(liquid)], rows, tables)
+        _answer(claims[str(liquid)], rows, tables["analyses"])
         for liquid, rows in findings.groupby("liquid", sort=False)
     ]
     return Multiverse(
         found.read.simulated, tuple(answers), tuple(remarks),
-        {name: table for name, table in tables.items() if len(table)},
+        {name: tables[name] for name in TABLES if len(tables[name])},
     )  # fmt: skip
 
 
@@ -192,24 +231,36 @@ def usual_rules(read: StudyTrials) -> list[str]:
             "repeats=first"]  # fmt: skip
 
 
-_Rules = tuple[str, ...]
-
-
 def _words(rules: Sequence[str]) -> str:
-    return " + ".join(rules) or NO_RULE
+    return _AND.join(rules) or NO_RULE
 
 
-def _rule_sets(study: Path, options: ComparisonOptions) -> tuple[list[_Rules], _Rules, list[str]]:
-    """Sets of rules that differ in what they take out, that of the main analysis among them.
+def rules_in(words: str) -> list[str]:
+    """The rules that are applied where these words stand under `exclusions`.
 
-    Then what is to be said of the rules.
+    Examples
+    --------
+    >>> rules_in("min-sd=0.1 + max-rt=30"), rules_in(NO_RULE)
+    (['min-sd=0.1', 'max-rt=30'], [])
     """
+    return [] if words == NO_RULE else words.split(_AND)
+
+
+class _Rules(NamedTuple):
+    """Sets of rules that differ in what they take out, and that of the main analysis among them."""
+
+    sets: list[tuple[str, ...]]
+    main: tuple[str, ...]
+    remarks: list[str]
+
+
+def _tried_rules(study: Path, options: ComparisonOptions) -> _Rules:
     if len(options.exclude) > MOST_RULES:
         raise InputError(
             f"exclude: {len(options.exclude)} rules, expected at most {MOST_RULES}: each is tried "
             "with and without all others"
         )
-    rules, said = list(options.exclude), []
+    rules, said = list(dict.fromkeys(options.exclude)), []
     if not rules:
         everybody = study_trials(study, replace(options, exclude=()))
         rules = [rule for rule in usual_rules(everybody) if _takes_out(study, options, rule)]
@@ -217,14 +268,21 @@ def _rule_sets(study: Path, options: ComparisonOptions) -> tuple[list[_Rules], _
             f"tried are the usual exclusions that take somebody out ({', '.join(rules) or 'none'});"
             " --exclude names others"
         ]
-    sets: dict[bytes, _Rules] = {}
+    sets: dict[bytes, tuple[str, ...]] = {}
     for size in range(len(rules) + 1):
         for chosen in combinations(rules, size):
-            left = study_trials(study, replace(options, exclude=chosen))
-            sets.setdefault(_digest(left), chosen)
+            try:
+                left = study_trials(study, replace(options, exclude=chosen))
+            except InputError as error:
+                if size < 2:
+                    raise
+                said.append(f"not analysed: excluded: {_words(chosen)} ({error})")
+                continue
+            sets.setdefault(_all_of(left), chosen)
     tried = {rule for chosen in sets.values() for rule in chosen}
     said += [f"{rule} takes nothing out that others don't" for rule in rules if rule not in tried]
-    return list(sets.values()), sets[_digest(study_trials(study, options))], said
+    main = _all_of(study_trials(study, replace(options, exclude=tuple(options.exclude))))
+    return _Rules(list(sets.values()), sets[main], said)
 
 
 def _takes_out(study: Path, options: ComparisonOptions, rule: str) -> bool:
@@ -236,13 +294,14 @@ def _takes_out(study: Path, options: ComparisonOptions, rule: str) -> bool:
     return any(one.trials for one in left.exclusions)
 
 
-def _digest(read: StudyTrials) -> bytes:
-    """What tells answers from others."""
-    return b"".join(
-        repr((one.liquid, one.participants, [scene.id for scene in one.scenes])).encode()
-        + one.responses.tobytes()
-        for one in read.trials
-    )
+def _all_of(read: StudyTrials) -> bytes:
+    return b"".join(_digest(one) for one in read.trials)
+
+
+def _digest(one: Trials) -> bytes:
+    """What tells answers to the trials of a liquid from others."""
+    which = (one.liquid, one.participants, [scene.id for scene in one.scenes])
+    return repr(which).encode() + one.responses.tobytes()
 
 
 # Analyses ---------------------------------------------------------------------------
@@ -250,20 +309,23 @@ def _digest(read: StudyTrials) -> bytes:
 
 def _by_answers(one: PeopleAndModels, exclusions: str, settings: Settings) -> Iterator[_Analysis]:
     """By people's mean answers: each measure, over each of what a conclusion may hold over."""
-    responses, names = one.trials.responses, np.array(one.names, dtype=object)
+    responses = one.trials.responses
     people, scenes = one.trials.participant_count, len(one.trials.scenes)
-    observed = measured(mean_judgments(responses), one.judgments)
     for by in get_args(PairMeasure):
-        values = NEARER[by] * getattr(observed, by)
+        names = [name for name in one.names if by == "r" or not is_fitted(name)]
+        judgments = np.stack([one.models[name] for name in names])
+        observed = NEARER[by] * getattr(measured(mean_judgments(responses), judgments), by)
+        values = dict(zip(names, observed.tolist(), strict=True))
+        labels = np.array(names, dtype=object)
         for over in get_args(Over):
             if unknowable(over, people, scenes):
                 continue
-            pairs = compare_pairs(responses, one.judgments, over, by)
+            pairs = compare_pairs(responses, judgments, over, by)
             ends = np.stack([NEARER[by] * each for each in pairs.interval(settings.level)])
             table = pd.DataFrame(
                 {
-                    "model": names[pairs.first],
-                    "rival": names[pairs.second],
+                    "model": labels[pairs.first],
+                    "rival": labels[pairs.second],
                     "difference": NEARER[by] * pairs.difference,
                     "low": ends.min(axis=0),
                     "high": ends.max(axis=0),
@@ -271,29 +333,33 @@ def _by_answers(one: PeopleAndModels, exclusions: str, settings: Settings) -> It
                     "p_holm": holm(pairs.p),
                 }
             )
-            best = "" if np.isnan(values).all() else str(names[np.nanargmax(values)])
-            yield _Analysis(one.trials.liquid, exclusions, people, scenes, by, over, best, table)
+            yield _Analysis(one.trials.liquid, exclusions, people, scenes, by, over, values, table)
 
 
 def _by_likelihood(
     one: PeopleAndModels, exclusions: str, settings: Settings, report: Report
-) -> Iterator[_Analysis]:
-    """By the likelihood of single answers, over each unit that is left out."""
+) -> tuple[list[_Analysis], list[str]]:
+    """By the likelihood of single answers, over each unit that is left out; what is to be said."""
     # JAX is loaded only for this.
     from pourcast.statistics.loo import compare_models  # noqa: PLC0415
 
+    responses, liquid = one.trials.responses, one.trials.liquid
     found = compare_models(
-        one.trials.responses, one.models, Sampling(seed=settings.seed), report,
-        level=settings.level,
-    )  # fmt: skip
-    for unit, rows in found.loo.groupby("unit", sort=False) if len(found.loo) else ():
-        pairs, (people, scenes) = (
-            found.differences[found.differences["unit"] == unit], one.trials.responses.shape
+        responses, one.models, Sampling(seed=settings.seed), report, level=settings.level
+    )
+    analyses, (people, scenes) = [], responses.shape
+    for unit in dict.fromkeys(found.loo["unit"]) if len(found.loo) else ():
+        rows = found.loo[found.loo["unit"] == unit]
+        pairs = found.differences[found.differences["unit"] == unit]
+        values = dict(zip(rows["model"], rows["elpd"], strict=True))
+        analyses.append(
+            _Analysis(
+                liquid, exclusions, people, scenes, LIKELIHOOD, str(unit), values,
+                pairs.assign(low=np.nan, high=np.nan),
+            )
         )  # fmt: skip
-        yield _Analysis(
-            one.trials.liquid, exclusions, people, scenes, LIKELIHOOD, str(unit),
-            str(rows["model"].iloc[0]), pairs.assign(low=np.nan, high=np.nan),
-        )  # fmt: skip
+    posterior = found.parameters.assign(liquid=liquid)
+    return analyses, list(posterior_checks.not_converged(posterior, ""))
 
 
 def _unknown(one: PeopleAndModels, exclusions: str) -> Iterator[str]:
@@ -304,37 +370,98 @@ def _unknown(one: PeopleAndModels, exclusions: str) -> Iterator[str]:
             yield f"{one.trials.liquid}, excluded: {exclusions}: no analysis over {over}: {why}"
 
 
-def _against_each_truth(one: PeopleAndModels, exclusions: str, settings: Settings) -> pd.DataFrame:
-    """Participants against chance, with each ground truth of the liquid that was compared."""
+def _remarks(
+    found: Matched, exclusions: str, liquids: Sequence[str], *, is_main: bool
+) -> Iterator[str]:
+    """What `compare` would tell of the answers, and of which liquid rules leave none."""
+    yield from found.read.told
+    there = {one.trials.liquid for one in found.people}
+    for liquid in liquids:
+        if liquid not in there:
+            yield f"{liquid}: not analysed: excluded: {exclusions} (nobody is left)"
+    if is_main:
+        yield from found.read.remarks
+        names = {one.trials.liquid: one.names for one in found.people}
+        yield from not_fitted(found.fitted, names)
+        fitted = dict.fromkeys(name for some in names.values() for name in some if is_fitted(name))
+        if fitted:
+            yield (
+                f"{', '.join(fitted)}: not compared by RMSE, as parameters are chosen by r, and "
+                "both halves of the scenes have one level and spread"
+            )
+
+
+def _against_each_truth(
+    people: Sequence[PeopleAndModels],
+    new: Sequence[PeopleAndModels],
+    exclusions: str,
+    settings: Settings,
+) -> Iterator[pd.DataFrame]:
+    """Participants against chance, with each ground truth of their liquid that was compared."""
+    liquids = {one.trials.liquid for one in new}
+    for truth in dict.fromkeys(name for one in new for name in _truths(one)):
+        own = [replace(one, truth_name=truth if truth in _truths(one) else "-") for one in people]
+        table = agreement.individuals(own, settings).summary()
+        if len(table):
+            table.insert(1, "exclusions", exclusions)
+            table.insert(2, "truth", truth)
+            yield table[table["liquid"].isin(liquids)]
+
+
+def _truths(one: PeopleAndModels) -> list[str]:
+    """Ground truths of the liquid that are among the models."""
     own = dict.fromkeys((one.truth_name, f"truth-{called(one.trials.liquid)}", stimulus.NAME))
-    tables = []
-    for truth in own:
-        if truth in one.models:
-            table = agreement.individuals([replace(one, truth_name=truth)], settings).summary()
-            if len(table):
-                table.insert(1, "exclusions", exclusions)
-                table.insert(2, "truth", truth)
-                tables.append(table)
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+    return [name for name in own if name in one.models]
 
 
 # Findings ---------------------------------------------------------------------------
 
 
-def _claimed(claim: str, analyses: Sequence[_Analysis], main: str, settings: Settings) -> str:
-    """The model that is claimed to be nearest, for the trials of one liquid."""
-    names = dict.fromkeys(
-        str(name) for one in analyses for name in (*one.pairs["model"], *one.pairs["rival"])
-    )
-    if not names:
-        raise InputError("model: expected at least two, to be compared with one another")
-    if claim:
-        if claim not in names:
-            raise InputError(f"claim: {unknown(claim, list(names))}")
-        return claim
-    own = [one for one in analyses if (one.exclusions, one.measure) == (main, "r") and one.best]
-    exact = [one for one in own if one.over == settings.over]
-    return (exact or own or list(analyses))[0].best
+def _check_claim(claim: str, people: Sequence[PeopleAndModels]) -> None:
+    names = list(dict.fromkeys(name for one in people for name in one.names))
+    if claim not in names:
+        raise InputError(f"claim: {unknown(claim, names)}")
+
+
+def _claims(
+    claim: str, analyses: Sequence[_Analysis], main: Mapping[str, str], settings: Settings
+) -> dict[str, str]:
+    """The model that is claimed to be nearest, for the trials of each liquid; empty if none is."""
+    claims = {}
+    for liquid in dict.fromkeys(one.liquid for one in analyses):
+        own = [one for one in analyses if one.liquid == liquid]
+        if all(len(one.nearness) < 2 for one in own):
+            raise InputError("model: expected at least two, to be compared with one another")
+        if any(claim in one.nearness for one in own):
+            claims[liquid] = claim
+            continue
+        by_r = [one for one in own if one.measure == "r" and one.best]
+        exact = [one for one in by_r if one.exclusions == main.get(liquid)]
+        over = [one for one in exact if one.over == settings.over]
+        claims[liquid] = next((one.best for one in (*over, *exact, *by_r)), "")
+    return claims
+
+
+def _claims_remarks(
+    claim: str, claims: Mapping[str, str], analyses: Sequence[_Analysis]
+) -> Iterator[str]:
+    """Where what is claimed is another model, or none, or can't be looked for."""
+    for liquid, own in claims.items():
+        everything = [one for one in analyses if one.liquid == liquid]
+        without = [one for one in everything if own not in one.nearness]
+        if not own:
+            yield f"{liquid}: nothing is claimed: no model correlates with what people answered"
+            continue
+        if claim and own != claim:
+            yield f"{liquid}: there is no {claim}: {own} is claimed in its place"
+        if without:
+            how = dict.fromkeys(f"{one.measure}, excluded: {one.exclusions}" for one in without)
+            yield f"{liquid}: {own} is not in {len(without)} analyses ({'; '.join(how)})"
+
+
+def _has(one: _Analysis, claims: Mapping[str, str]) -> bool:
+    """Whether the claimed model is in an analysis, and others are."""
+    return claims[one.liquid] in one.nearness and len(one.nearness) > 1
 
 
 def _findings(one: _Analysis, claim: str, settings: Settings) -> pd.DataFrame:
@@ -361,8 +488,9 @@ def _findings(one: _Analysis, claim: str, settings: Settings) -> pd.DataFrame:
         }
     )[first | second]
     told = table["p_holm"] < 1.0 - settings.level
-    nearer, farther = table["difference"] >= 0.0, table["difference"] < 0.0
-    cases = [nearer & told, nearer, farther & ~told, farther]
+    nearer, farther = table["difference"] >= -_EQUAL, table["difference"] < -_EQUAL
+    known = table["p_holm"].notna()
+    cases = [nearer & told, nearer & known, farther & ~told & known, farther & told]
     return table.assign(finding=np.select(cases, FINDINGS[:4], FINDINGS[4]))
 
 
@@ -370,39 +498,54 @@ _OWN = ["liquid", "exclusions", "measure", "over"]
 """Columns that tell analyses from one another."""
 
 
-def _analyses_table(analyses: Sequence[_Analysis], findings: pd.DataFrame) -> pd.DataFrame:
-    table = pd.DataFrame([one._asdict() for one in analyses]).drop(columns="pairs")
-    counts = findings.groupby(_OWN, sort=False)["finding"]
-    found = pd.DataFrame(
-        {
-            "told_nearer": counts.apply(lambda each: int((each == FINDINGS[0]).sum())),
-            "told_farther": counts.apply(lambda each: int((each == FINDINGS[3]).sum())),
-            "rivals": counts.size(),
-        }
-    )
-    return table.merge(found.reset_index(), on=_OWN, how="left")
-
-
-def _choices_table(
+def _analyses_table(
     analyses: Sequence[_Analysis], findings: pd.DataFrame, claims: Mapping[str, str]
 ) -> pd.DataFrame:
-    """What each option of each choice finds, the others taken together."""
-    table = _analyses_table(analyses, findings)
-    table["nearest"] = table["best"] == table["liquid"].map(claims)
-    table["told_from"] = table["told_nearer"] / table["rivals"]
+    """A row an analysis: what is nearest in it, and what is found of the claimed model."""
+    rows = [
+        {
+            "liquid": one.liquid, "exclusions": one.exclusions, "participants": one.participants,
+            "scenes": one.scenes, "measure": one.measure, "over": one.over,
+            "claim": claims[one.liquid], "best": one.best,
+            "nearest": one.is_nearest(claims[one.liquid]),
+        }
+        for one in analyses
+        if _has(one, claims)
+    ]  # fmt: skip
+    counts = findings.groupby(_OWN, sort=False)["finding"].value_counts().unstack(fill_value=0)
+    counts = counts.reindex(columns=list(FINDINGS), fill_value=0).rename(columns=_as_column)
+    return pd.DataFrame(rows).merge(counts.reset_index(), on=_OWN, how="left")
+
+
+def _as_column(words: str) -> str:
+    return words.replace(" ", "_")
+
+
+def _choices_table(analyses: pd.DataFrame) -> pd.DataFrame:
+    """What each option of each choice finds, the others taken together.
+
+    A row a liquid, choice and option: `analyses`; `nearest`, the share in which the claimed model
+    is the nearest; `told_from`, the mean share of the others from which it is told to be nearer.
+    """
+    table = analyses.copy()
+    others = table[[_as_column(finding) for finding in FINDINGS]].sum(axis=1)
+    table["told_from"] = table["told_nearer"] / others
+    rules = dict.fromkeys(rule for words in table["exclusions"] for rule in rules_in(words))
+    options = {"measure": table["measure"], "over": table["over"]}
+    for rule in rules:
+        applied = [rule in rules_in(words) for words in table["exclusions"]]
+        options[rule] = pd.Series(np.where(applied, "excluded", "not"), index=table.index)
     parts = []
-    for choice in _OWN[1:]:
-        grouped = table.groupby(["liquid", choice], sort=False)
-        part = grouped.agg(
-            analyses=("nearest", "size"), nearest=("nearest", "mean"),
-            told_from=("told_from", "mean"),
-        )  # fmt: skip
-        part = part.reset_index().rename(columns={choice: "option"})
-        part.insert(1, "choice", choice)
-        parts.append(part)
-    order = list(table["liquid"].unique())
-    together = pd.concat(parts, ignore_index=True)
-    return together.sort_values("liquid", kind="stable", key=lambda names: names.map(order.index))
+    for liquid, rows in table.groupby("liquid", sort=False):
+        for choice, option in options.items():
+            for name, some in rows.groupby(option.loc[rows.index], sort=False):
+                parts.append(
+                    {
+                        "liquid": liquid, "choice": choice, "option": name, "analyses": len(some),
+                        "nearest": some["nearest"].mean(), "told_from": some["told_from"].mean(),
+                    }
+                )  # fmt: skip
+    return pd.DataFrame(parts)
 
 
 # The answer -------------------------------------------------------------------------
@@ -411,22 +554,24 @@ _NAMED = 5
 """Models that are named, of more the number."""
 
 
-def _answer(claim: str, findings: pd.DataFrame, tables: Mapping[str, pd.DataFrame]) -> str:
+def _answer(claim: str, findings: pd.DataFrame, analyses: pd.DataFrame) -> str:
     """Whether the conclusion stands for a liquid, in three sentences."""
-    liquid = findings["liquid"].iloc[0]
-    analyses = tables["analyses"]
-    own = analyses[analyses["liquid"] == liquid]
-    others = own["best"][own["best"] != claim].value_counts()
-    else_ = f" (else {', '.join(others.index)})" if len(others) else ""
+    own = analyses[analyses["liquid"] == findings["liquid"].iloc[0]]
+    # Over what a conclusion holds changes nothing of which model is nearest, but by likelihood.
+    by = own["measure"].where(own["measure"] != LIKELIHOOD, own["measure"] + own["over"])
+    ways = own.assign(by=by).drop_duplicates(["exclusions", "by"])
+    others = list(dict.fromkeys(ways["best"][~ways["nearest"]]))
+    instead = f" (elsewhere {_listed(others)})" if others else ""
     first = (
-        f"{called(liquid)}: {claim} is nearest to people in {len(own) - others.sum()} of "
-        f"{len(own)} analyses{else_}."
+        f"{called(own['liquid'].iloc[0])}: {claim} is nearest to people in "
+        f"{ways['nearest'].sum()} of {len(ways)} combinations of exclusions and measure{instead}."
     )
-    told = (findings["finding"] == FINDINGS[0]).groupby(findings["rival"], sort=False)
-    counts, shares = told.sum(), told.mean()
+    known = findings[findings["finding"] != FINDINGS[4]]
+    told = (known["finding"] == FINDINGS[0]).groupby(known["rival"], sort=False)
+    shares, counts, sizes = told.mean(), told.sum(), told.size()
     always, never = list(shares.index[shares == 1.0]), list(shares.index[shares == 0.0])
     partly = [
-        f"{name} ({counts[name]})"
+        f"{name} ({counts[name]} of {sizes[name]})"
         for name in shares.sort_values().index
         if 0.0 < shares[name] < 1.0
     ]
@@ -435,7 +580,9 @@ def _answer(claim: str, findings: pd.DataFrame, tables: Mapping[str, pd.DataFram
         for names, how in ((always, "all of them"), (partly, "some"), (never, "none"))
         if names
     ]
-    second = f"It is told {'; '.join(parts)}."
+    unknowns = sorted(set(findings["rival"]) - set(known["rival"]))
+    unclear = f" Whether it is told from {_listed(unknowns)} is unknown." if unknowns else ""
+    second = f"In {len(own)} analyses it is told {'; '.join(parts)}." if parts else ""
     lost = findings[findings["finding"] == FINDINGS[3]]
     third = (
         "In none is another model told to be nearer."
@@ -443,7 +590,7 @@ def _answer(claim: str, findings: pd.DataFrame, tables: Mapping[str, pd.DataFram
         else f"In {len(lost.drop_duplicates(_OWN))} another model is told to be nearer: "
         f"{_listed(list(dict.fromkeys(lost['rival'])))}."
     )
-    return f"{first} {second} {third}"
+    return f"{first} {second}{unclear} {third}"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -139,7 +139,7 @@ class Estimate:
         error = np.sqrt(self.variance)
         with np.errstate(divide="ignore", invalid="ignore"):
             t = np.abs(self.value) / error
-        t = np.where((self.value == 0.0) & (error == 0.0), 0.0, t)
+        t = np.where((np.abs(self.value) < _LEAST) & (error < _LEAST), 0.0, t)
         p: Array = np.asarray(2.0 * stats.t.sf(t, self.df))
         return p
 
@@ -197,7 +197,8 @@ def jackknife(responses: Array, measure: Measure, over: Over) -> Estimate:
     *Both.* Noise of single answers is in the variance over participants and in that over scenes;
     it is taken off once (as in two-way clustered standard errors, Cameron, Gelbach & Miller 2011).
     No less than either variance is left. Degrees of freedom: Satterthwaite (1946), from how much
-    participants and scenes differ in what they contribute.
+    participants and scenes differ in what they contribute, and for the variance that is left: with
+    those of the sum, a conclusion over both could be firmer than one over scenes.
     """
     answers = _Answers(responses)
     value = measure(*answers.all())[0]
@@ -216,7 +217,7 @@ def jackknife(responses: Array, measure: Measure, over: Over) -> Estimate:
     variance = np.maximum(sum_of_both - _of_single_answers(answers, measure), least)
     squares = of_people**2 / df_people + of_scenes**2 / df_scenes
     with np.errstate(divide="ignore", invalid="ignore"):
-        df = np.where(squares > 0.0, sum_of_both**2 / squares, 1.0)
+        df = np.where(squares > 0.0, variance**2 / squares, 1.0)
     return Estimate(value, variance, np.clip(df, 1.0, max(people, scenes) - 1.0))
 
 

@@ -9,6 +9,7 @@ other columns are read.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any
 from unicodedata import normalize
@@ -424,6 +425,8 @@ def _matched(table: pd.DataFrame, name: str, value: str) -> "pd.Series[bool]":
         number = float(value)
     except ValueError:
         raise InputError(f"expected a number, found {value!r}") from None
+    if not (isfinite(number) and number >= 0.0):
+        raise InputError(f"expected a number, 0 or more, found {value!r}")
     if name in PARTICIPANT_RULES:
         return table["participant"].isin(PARTICIPANT_RULES[name](table, number))
     if "rt" not in table:

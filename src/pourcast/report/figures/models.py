@@ -56,7 +56,7 @@ def correlations(
                 )  # fmt: skip
             axes.set(title=f"{short} trials", xlabel="r with people's means", yticks=places)
             axes.set_yticklabels(models)
-            axes.set_xlim(min(0.0, float(rows["r_low"].min())), 1.0)
+            axes.set_xlim(min(0.0, float(rows[["r", "r_low"]].min(axis=None))), 1.0)
         figure.axes[0].invert_yaxis()
         over = over_words(agreement["over"].iloc[0])
         diamonds = "; diamonds: published" if experiment and experiment.published else ""

@@ -11,17 +11,25 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from pourcast.comparison.multiverse import FINDINGS, NO_RULE
+from pourcast.comparison.multiverse import FINDINGS, rules_in
 from pourcast.pictures.style import BLUE, GREY, PAGE, RC, RED, new_figure
 from pourcast.scenes.liquids.registry import called
 
-_COLOURS = (BLUE, "#B3D4E8", "#F5CDB3", RED, "#DDDDDD")
+_COLOURS = (BLUE, "#B3D4E8", "#EFA77C", RED, "#DDDDDD")
 """Of `FINDINGS`."""
 
 _ROW = 0.15
 """Height of a row [inch]."""
 
 _CHANCE = "chance"
+
+_UNKNOWN = FINDINGS.index("unknown")
+
+_LONGEST = 34
+"""Characters of a name that have room."""
+
+_LINED = 60
+"""Analyses of which more have no room for lines between them."""
 
 
 def multiverse(tables: Mapping[str, pd.DataFrame], level: float) -> Figure:
@@ -51,7 +59,7 @@ def multiverse(tables: Mapping[str, pd.DataFrame], level: float) -> Figure:
             _draw_findings(above, grid)
             _draw_choices(below, chosen)
             claim = findings.loc[findings["liquid"] == liquid, "claim"].iloc[0]
-            above.set_title(f"{called(liquid)} trials: {claim}, beside", loc="left")
+            above.set_title(f"{called(liquid)} trials: {_short(claim)}, beside", loc="left")
             below.set_xlabel(f"{grid.shape[1]} analyses")
         shown = sorted({int(code) for grid in grids for code in grid.to_numpy().ravel()})
         figure.legend(
@@ -80,30 +88,47 @@ def _grid(tables: Mapping[str, pd.DataFrame], liquid: str, level: float) -> pd.D
     order = pd.MultiIndex.from_frame(_in_order(findings))
     codes = findings.assign(code=findings["finding"].map(FINDINGS.index))
     grid = codes.pivot_table(index="rival", columns=_KEYS, values="code", sort=False)
-    grid = grid.reindex(columns=order).fillna(FINDINGS.index("unknown"))
-    grid = grid.loc[grid.mean(axis=1).sort_values(ascending=False, kind="stable").index]
+    grid = grid.reindex(columns=order)
+    # What is unknown is neither hard to tell nor easy.
+    rank = grid.where(grid != _UNKNOWN).mean(axis=1).fillna(-1.0)
+    grid = grid.loc[rank.sort_values(ascending=False, kind="stable").index].fillna(_UNKNOWN)
     chance = tables.get("chance", pd.DataFrame({"liquid": [], "truth": []}))
     for truth, rows in chance[chance["liquid"] == liquid].groupby("truth", sort=False):
-        told = set(rows["exclusions"][rows["permutation_p"] < 1.0 - level])
-        known = set(rows["exclusions"])
+        cases = rows.set_index("exclusions")
+        codes_of = {
+            words: _beside_chance(row["mean_r"], row["permutation_p"], level)
+            for words, row in cases.iterrows()
+        }
         grid.loc[f"{_CHANCE} (r with {truth})"] = [
-            0 if case in told else 1 if case in known else FINDINGS.index("unknown")
-            for case in order.get_level_values("exclusions")
+            codes_of.get(words, _UNKNOWN) for words in order.get_level_values("exclusions")
         ]
     return grid
 
 
+def _beside_chance(mean_r: float, p: float, level: float) -> int:
+    """Participants' mean r with a ground truth: told from chance, above it, or below."""
+    if np.isnan(p):
+        return _UNKNOWN
+    if p < 1.0 - level:
+        return 0
+    return 1 if mean_r > 0.0 else 2
+
+
 def _choices(findings: pd.DataFrame) -> pd.DataFrame:
-    """Which options each analysis takes: a row an option, a column an analysis."""
+    """Which options each analysis takes: a row an option or a rule, a column an analysis."""
     order = _in_order(findings)
     rows: dict[str, NDArray[np.bool_]] = {}
-    for key, name in (("measure", ""), ("over", "over "), ("exclusions", "excluded: ")):
-        options = list(order[key].unique())
-        if len(options) > 1:
-            rows |= {f"{name}{option}": (order[key] == option).to_numpy() for option in options}
-    if not rows:
-        rows = {f"excluded: {NO_RULE}": np.ones(len(order), dtype=bool)}
+    for key, name in (("measure", ""), ("over", "over ")):
+        for option in order[key].unique():
+            rows[f"{name}{option}"] = (order[key] == option).to_numpy()
+    applied = [rules_in(words) for words in order["exclusions"]]
+    for rule in dict.fromkeys(rule for some in applied for rule in some):
+        rows[f"excluded: {rule}"] = np.array([rule in some for some in applied])
     return pd.DataFrame(rows).T
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 9]}…{name[-8:]}"
 
 
 def _draw_findings(axes: Axes, grid: pd.DataFrame) -> None:
@@ -112,21 +137,21 @@ def _draw_findings(axes: Axes, grid: pd.DataFrame) -> None:
         vmax=len(_COLOURS) - 0.5, interpolation="nearest",
     )  # fmt: skip
     axes.set_xticks([])
-    axes.set_yticks(range(len(grid)), list(grid.index))
+    axes.set_yticks(range(len(grid)), [_short(name) for name in grid.index])
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
     for edge in range(1, len(grid)):
         axes.axhline(edge - 0.5, color="white", linewidth=0.8)
-    for edge in range(1, grid.shape[1]):
+    for edge in range(1, grid.shape[1]) if grid.shape[1] <= _LINED else ():
         axes.axvline(edge - 0.5, color="white", linewidth=0.8)
 
 
 def _draw_choices(axes: Axes, chosen: pd.DataFrame) -> None:
     row, column = np.nonzero(chosen.to_numpy())
-    axes.scatter(column, row, s=6, color=GREY)
+    axes.scatter(column, row, s=min(6.0, 360.0 / chosen.shape[1]), color=GREY, linewidths=0)
     axes.set_xlim(-0.5, chosen.shape[1] - 0.5)
     axes.set_ylim(len(chosen) - 0.5, -0.5)
     axes.set_xticks([])
-    axes.set_yticks(range(len(chosen)), list(chosen.index))
+    axes.set_yticks(range(len(chosen)), [_short(name) for name in chosen.index])
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
