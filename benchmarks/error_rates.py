@@ -20,7 +20,7 @@ from pourcast.comparison.agreement import Settings
 from pourcast.comparison.candidates import Candidates
 from pourcast.comparison.choice import judgments_of_fitted
 from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments, pearson
-from pourcast.statistics.differences import compare_pairs, holm
+from pourcast.statistics.differences import PairMeasure, compare_pairs, holm
 from pourcast.statistics.jackknife import (
     LEVEL,
     SHARE,
@@ -163,15 +163,17 @@ def coverage_of_agreement(world: World, over: Over, count: int, seed: int = 0) -
     return dict(zip(MEASURES, shares.tolist(), strict=True))
 
 
-def coverage_of_differences(world: World, over: Over, count: int, seed: int = 0) -> float:
-    """Share of studies whose interval of the difference in r of two models holds it."""
+def coverage_of_differences(
+    world: World, over: Over, count: int, seed: int = 0, by: PairMeasure = "r"
+) -> float:
+    """Share of studies whose interval of the difference of two models, in r or RMSE, holds it."""
 
     def value(responses: Array, models: Array) -> Array:
-        return np.asarray(agreement(mean_judgments(responses), models).r)
+        return np.asarray(getattr(agreement(mean_judgments(responses), models), by))
 
     held = []
     for responses, models, known in studies_over(world, over, value, count, seed):
-        low, high = compare_pairs(responses, models, over).interval(LEVEL)
+        low, high = compare_pairs(responses, models, over, by).interval(LEVEL)
         held.append(bool(low[0] <= known[0] - known[1] <= high[0]))
     return float(np.mean(held))
 
@@ -189,12 +191,14 @@ def false_equivalence(world: World, over: Over, count: int, seed: int = 0) -> fl
     return float(np.mean(shown))
 
 
-def false_stars(world: World, over: Over, count: int, seed: int = 0) -> tuple[float, float]:
+def false_stars(
+    world: World, over: Over, count: int, seed: int = 0, by: PairMeasure = "r"
+) -> tuple[float, float]:
     """Among equally good models: shares of studies with a starred pair, of pairs with p < .05."""
     rng, any_star, single = np.random.default_rng(seed), [], []
     for _ in range(count):
         judgments, models = world.draw_scenes(rng)
-        p = compare_pairs(world.answers(judgments, rng), models, over).p
+        p = compare_pairs(world.answers(judgments, rng), models, over, by).p
         any_star.append(bool((holm(p) < 1.0 - LEVEL).any()))
         single.append(float((p < 1.0 - LEVEL).mean()))
     return float(np.mean(any_star)), float(np.mean(single))
@@ -389,6 +393,7 @@ def table(heads: list[str], rows: list[list[str]]) -> str:
 
 
 OVERS: tuple[Over, ...] = ("participants", "scenes", "both")
+BY: tuple[PairMeasure, ...] = ("r", "rmse")
 
 
 def sized() -> Iterator[tuple[str, int, int]]:
@@ -414,11 +419,12 @@ def table_of_other_measures(count: int) -> str:
         for over in OVERS:
             held = coverage_of_agreement(World(people, scenes, 3 * (0.9,)), over, count)
             two = World(people, scenes, (0.95, 0.9))
-            pair = coverage_of_differences(two, over, count)
+            pairs = [coverage_of_differences(two, over, count, by=by) for by in BY]
             nearer = false_equivalence(two, over, count)
             own = [percent(held[measure]) for measure in MEASURES[1:]]
-            rows.append([size, over, *own, percent(pair), percent(nearer)])
-    heads = ["study", "over", *MEASURES[1:], "difference in r", "shown to be nearer (at most 5)"]
+            rows.append([size, over, *own, *map(percent, pairs), percent(nearer)])
+    apart = [f"difference in {by}" for by in BY]
+    heads = ["study", "over", *MEASURES[1:], *apart, "shown to be nearer (at most 5)"]
     return table(heads, rows)
 
 
@@ -438,9 +444,10 @@ def table_of_stars(count: int) -> str:
             ("participants", 0.6, 1.0), ("participants", 0.9, 1.0),
         ):  # fmt: skip
             world = World(people, scenes, MODELS * (near,), steepness=steep)
-            stars = false_stars(world, over, count)
+            stars = [share for by in BY for share in false_stars(world, over, count, by=by)]
             rows.append([size, over, f"{near:g}", SPREAD[steep], *map(percent, stars)])
-    heads = ["study", "over", "nearness", "judgments", "any pair (Holm)", "one pair, p < .05"]
+    found = [f"{by}: {what}" for by in BY for what in ("any pair (Holm)", "one pair, p < .05")]
+    heads = ["study", "over", "nearness", "judgments", *found]
     return table(heads, rows)
 
 

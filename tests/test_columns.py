@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from pourcast import cli
-from pourcast.comparison.compare import ComparisonOptions, compare_study
+from pourcast.comparison.compare import compare_study
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.errors import InputError, ManyFaultsError
 from pourcast.report.methods import provenance
 from pourcast.scenes.scene_file import write_scenes
@@ -458,6 +459,18 @@ def test_several_columns_of_a_scene_are_not_averaged(tmp_path):
         by_file(tmp_path, text, columns)
     found = by_file(tmp_path, text, f"{columns}scene = {{ pattern = '^(exp1-\\d+)_1$' }}")
     assert found["response"].tolist() == [0.5, 0.6]
+
+
+def test_of_columns_that_share_a_name_none_is_taken(tmp_path):
+    own = "participant,scene,liquid,response,response\na,exp1-001,water,0.5,0.6\n"
+    with pytest.raises(InputError, match="column 'response': several are called so, expected one"):
+        table_of(tmp_path, own)
+    mapped = "who,scene,liquid,slider,slider\na,exp1-001,water,0.5,0.6\n"
+    with pytest.raises(InputError, match="column 'slider': several are called so"):
+        table_of(tmp_path, mapped, "participant=who,response=slider")
+    # Others than those that are read may be called as they like.
+    others = "participant,scene,liquid,response,click,click\na,exp1-001,water,0.5,1,2\n"
+    assert table_of(tmp_path, others)["response"].tolist() == [0.5]
 
 
 def test_a_constant_is_a_text():

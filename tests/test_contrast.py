@@ -185,7 +185,7 @@ def test_experiment_2_says_how_its_scenes_are_chosen():
     assert "correlation of the truths at most -0.65" in rules[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_experiment_2_has_contrast_in_truths_and_models():
     experiment = EXPERIMENTS.get("exp2")
     selection = experiment.choice.choose(experiment.family, experiment.scene_count, 5)

@@ -26,7 +26,7 @@ CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 COMMANDS = (
     "demo", "scenes", "new", "predict", "show", "import", "export", "sweep", "models", "list", "bench",
     "experiment simulate", "experiment serve", "experiment status", "experiment data",
-    "experiment export", "stimuli", "convnet train", "convnet show", "compare", "report", "reproduce", "recover", "power", "mixture",
+    "experiment export", "stimuli", "convnet train", "convnet show", "compare", "report", "reproduce", "recover", "power", "mixture", "multiverse",
 )  # fmt: skip
 
 LONG_LINES = (

@@ -17,6 +17,7 @@ from pourcast.models.registry import (
     make_model,
     model_names,
     parameter_table,
+    parse_parameter,
     presets,
 )
 from pourcast.pictures.demo import demo_scenes
@@ -150,6 +151,17 @@ def test_a_model_with_the_trials_liquid_tells_water_from_honey():
     assert np.abs(water - honey).max() > 0.05
     fixed = make_model("water-ife:n_particles=20,zeta_sigma=0")
     assert (fixed.judge(scenes, HONEY_EXP1) == water).all()
+
+
+def test_a_parameter_may_be_yes_or_no():
+    @dataclass(frozen=True)
+    class Blinking:
+        blinks: bool = False
+
+    assert parse_parameter("blinking", Blinking, "blinks", "True") is True
+    assert parse_parameter("blinking", Blinking, "blinks", "false") is False
+    with pytest.raises(InputError, match="blinks: expected true or false, found '1'"):
+        parse_parameter("blinking", Blinking, "blinks", "1")
 
 
 @pytest.mark.parametrize(

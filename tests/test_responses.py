@@ -215,6 +215,18 @@ def test_any_scale_is_taken_if_it_is_said(tmp_path, low, high):
     assert found[0].responses == pytest.approx(good()["response"].to_numpy().reshape(5, 3))
 
 
+def test_who_seems_to_have_answered_on_another_scale_is_told(tmp_path):
+    table = good().assign(response=lambda t: 100.0 * t["response"])
+    some = table["participant"].isin(["p1", "p4"])
+    table["response"] = table["response"].where(~some, table["response"] / 100.0)
+    told = read_responses(written(tmp_path, table), scenes(), scale=PERCENT).attrs["told"]
+    assert told[-1].endswith("as if answered in 0..1, by p1, p4")
+    # Who answers 0 and 1 of 100, and nothing in between, may mean it.
+    table["response"] = table["response"].where(~some, table["response"].round())
+    told = read_responses(written(tmp_path, table), scenes(), scale=PERCENT).attrs["told"]
+    assert len(told) == 1
+
+
 def test_a_scale_that_does_not_fit_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"expected 0\.\.100, found nothing above 0\.\d+: are these"

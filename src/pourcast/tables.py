@@ -73,7 +73,8 @@ def read_table(path: Path, *, text: Sequence[str] = (), extra_header_rows: int =
     DataFrame
         Blank lines of a CSV file are rows without values: row k stands in line
         k + `FIRST_ROW`. `attrs["read_as"]` says in words how it was
-        read, if not as UTF-8 with commas and points; `attrs["decimal"]` has "." or ",".
+        read, if not as UTF-8 with commas and points; `attrs["decimal"]` has "." or ",";
+        `attrs["repeated"]` has names that several columns of a CSV file share.
 
     Raises
     ------
@@ -108,8 +109,19 @@ def _read_csv(content: bytes, text: Sequence[str], extra_header_rows: int) -> pd
         *(["with decimal commas"] if decimal == "," else []),
     ]
     table = without_guards(table)
-    table.attrs = {"read_as": ", ".join(said), "decimal": decimal}
+    table.attrs = {
+        "read_as": ", ".join(said),
+        "decimal": decimal,
+        "repeated": _repeated(characters, separator),
+    }
     return table
+
+
+def _repeated(characters: str, separator: str) -> tuple[str, ...]:
+    """Names of columns that stand there several times; pandas numbers all but the first."""
+    header = pd.read_csv(StringIO(characters), sep=separator, header=None, nrows=1, dtype=str)
+    names = header.iloc[0].dropna()
+    return tuple(dict.fromkeys(names[names.duplicated()]))
 
 
 def _with_numbers(

@@ -227,12 +227,26 @@ def test_a_half_is_judged_with_what_was_chosen_on_the_other(study):
     assert all((fitted[name] == again[name]).all() for name in fitted)
     # Another answer to a scene changes nothing of what that scene's half was chosen on.
     one = sets["water-simple"]
+    fitted = judgments_of_fitted({"water-simple": one}, SETTINGS, halvings=1)
     for scene in (0, 7, 20):
         responses = one.trials.responses.copy()
         responses[:, scene] = 1.0 - responses[:, scene]
         changed = {"water-simple": replace(one, trials=replace(one.trials, responses=responses))}
-        after = judgments_of_fitted(changed, SETTINGS)["water-simple"]
+        after = judgments_of_fitted(changed, SETTINGS, halvings=1)["water-simple"]
         assert after[scene] == fitted["water-simple"][scene]
+
+
+def test_what_is_found_hardly_depends_on_the_seed(study):
+    sets = fitted(study, WATER, None, noise=0.5, people=6)
+    means = sets["water-ife"].trials.responses.mean(axis=0)
+    spread = {}
+    for halvings in (1, 25):
+        judged = [judgments_of_fitted(sets, Settings(seed=k), halvings) for k in range(16)]
+        for name in sets:
+            r = [np.corrcoef(means, each[name])[0, 1] for each in judged]
+            spread.setdefault(name, []).append(np.std(r))
+    for one, median in spread.values():
+        assert median <= max(0.5 * one, 1e-3)
 
 
 def test_settings_that_differ_in_level_and_scale_alone_are_one_model(study):

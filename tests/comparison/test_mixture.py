@@ -6,7 +6,7 @@ import pytest
 
 from pourcast import cli
 from pourcast.comparison.candidates import Candidates, candidates
-from pourcast.comparison.compare import ComparisonOptions
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.comparison.mixture import NO_MODEL, head_of, study_mixture
 from pourcast.errors import InputError
 from pourcast.scenes.scene_file import write_scenes

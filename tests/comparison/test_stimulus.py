@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pourcast.comparison.agreement import Settings
-from pourcast.comparison.compare import ComparisonOptions, compare_study
+from pourcast.comparison.compare import compare_study
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.errors import InputError
 from pourcast.scenes.liquids.registry import WATER
 from pourcast.scenes.scene_file import read_scenes

@@ -50,16 +50,18 @@ def test_nothing_acknowledged_is_lost_doubled_or_under_anothers_name(template):
     walk(template, nullcontext, walks=5, steps=45)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("chosen", SEEDS)
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
-def test_nothing_is_lost_in_thousands_of_steps(request, template, kind, chosen):
+@pytest.mark.parametrize(
+    "walks", [pytest.param(5, marks=pytest.mark.slow), pytest.param(21, marks=pytest.mark.study)]
+)
+def test_nothing_is_lost_in_walks_of_a_hundred_steps(request, template, kind, chosen, walks):
     def database():
         if kind == "sqlite":
             return nullcontext()
         return fresh_database(request.getfixturevalue("postgresql"))
 
-    walk(template, database, walks=21, steps=100, chosen=chosen)
+    walk(template, database, walks=walks, steps=100, chosen=chosen)
 
 
 @pytest.mark.slow

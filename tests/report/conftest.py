@@ -3,7 +3,8 @@
 import pytest
 
 from pourcast.comparison.agreement import Settings
-from pourcast.comparison.compare import ComparisonOptions, compare_study
+from pourcast.comparison.compare import compare_study
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.observers.observers import Observers
 from pourcast.observers.responses import rehearse
 from pourcast.scenes.scene_file import write_scenes

@@ -5,7 +5,8 @@ import json
 import pytest
 
 from pourcast import cli
-from pourcast.comparison.compare import TABLES, ComparisonOptions, compare_study
+from pourcast.comparison.compare import TABLES, compare_study
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.observers.observers import Observers
 from pourcast.observers.responses import rehearse
 from pourcast.report import contents

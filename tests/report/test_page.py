@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 import pourcast
-from pourcast.comparison.compare import ComparisonOptions, compare_study
+from pourcast.comparison.compare import compare_study
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.errors import InputError
 from pourcast.report.methods import methods, provenance
 from pourcast.report.numbers import how_drawn

@@ -204,6 +204,17 @@ def test_equal_models_differ_by_nothing():
     assert np.ravel(stretched.interval(0.95)) == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
+def test_by_rmse_a_model_of_another_level_is_farther():
+    truth, responses = study()
+    found = compare_pairs(responses, np.stack([truth, 0.5 * truth + 0.4]), "both", "rmse")
+    means = responses.mean(axis=0)
+    one, other = (np.sqrt(((means - each) ** 2).mean()) for each in (truth, 0.5 * truth + 0.4))
+    assert found.difference[0] == pytest.approx(one - other)
+    low, high = np.ravel(found.interval(0.95))
+    assert low < found.difference[0] < high < 0.0
+    assert found.p[0] < 0.05
+
+
 def test_a_model_without_spread_is_compared_with_none():
     truth, responses = study()
     found = compare_pairs(responses, np.stack([truth, 0 * truth, truth**2]), "both")
@@ -231,7 +242,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(over):
 
 
 def test_intervals_of_differences_do_too():
-    assert coverage_of_differences(World(10, 30, (0.95, 0.9)), "both", 120, seed=1) >= 0.9
+    for by in ("r", "rmse"):
+        world = World(10, 30, (0.95, 0.9))
+        assert coverage_of_differences(world, "both", 120, seed=1, by=by) >= 0.9
 
 
 def test_models_are_seldom_shown_to_be_nearer_than_they_are():

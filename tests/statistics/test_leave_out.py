@@ -8,7 +8,7 @@ from benchmarks.error_rates import World
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from pourcast.comparison.compare import _not_converged
+from pourcast.comparison.posterior_checks import not_converged
 from pourcast.statistics import leave_out as module
 from pourcast.statistics.leave_out import UNITS, largest_k, leave_out
 from pourcast.statistics.loo import compare_models, stacking_weights, units_of
@@ -159,7 +159,7 @@ def test_posteriors_that_are_not_to_be_relied_on_are_told():
         good | {"model": "d", "divergences": 3},
         good | {"model": "d", "divergences": 3},
     ]
-    doubts = list(_not_converged(pd.DataFrame(rows), ""))
+    doubts = list(not_converged(pd.DataFrame(rows), ""))
     assert [doubt.split(":")[1].split()[-2] for doubt in doubts] == ["b", "c", "d"]
     assert "R-hat 1.020" in doubts[0]
     assert "300 draws" in doubts[1]

@@ -6,9 +6,11 @@ import pytest
 from pourcast.pictures.video import write_film
 from pourcast.scenes.liquids.registry import WATER, resolve_liquid
 from pourcast.stimuli.recording import FULL, Moment, RecordedPour
+from pourcast.stimuli.renderers import preview
 from pourcast.stimuli.renderers.preview import Preview
 from pourcast.stimuli.solvers.lbm import LatticeBoltzmann
 from pourcast.stimuli.solvers.sph import ParticleEngine
+from tests.make import random_scenes
 from tests.yardstick import ratio
 
 
@@ -63,6 +65,18 @@ def test_solids_hide_the_liquid_and_are_no_part_of_it(ramp):
     assert not wet[300 - 156 : 300 - 148, 55:70].any()
     assert not wet[280:290, 98:102].any()
     assert wet.mean() > 0.8
+
+
+def test_what_a_solid_changes_lies_around_it(monkeypatch):
+    scenes = random_scenes(2)
+    around = [preview._solids(scene, (300, 450)) for scene in scenes]
+    monkeypatch.setattr(preview, "_around", lambda *_: (slice(0, 450), slice(0, 300)))
+    for (image, solid), scene in zip(around, scenes, strict=True):
+        whole, everywhere = preview._solids(scene, (300, 450))
+        # Corners are rounded to parts of pixels where they are drawn.
+        assert (image == whole).mean() > 0.95
+        assert np.abs(image - whole).mean() < 1e-4
+        assert np.abs(solid - everywhere).mean() < 1e-4
 
 
 def test_a_film_takes_little_more_than_its_coding(ramp, tmp_path):

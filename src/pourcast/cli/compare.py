@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from pourcast.comparison.compare import Comparison, ComparisonOptions
+    from pourcast.comparison.compare import Comparison
+    from pourcast.comparison.matching import ComparisonOptions
     from pourcast.study.responses import Exclusion
 
 ResponsesOption = Annotated[
@@ -94,7 +95,7 @@ def options_of(
     """What is to be compared, from what the user said."""
     from pourcast.comparison.agreement import Settings
     from pourcast.comparison.choice import read_choice
-    from pourcast.comparison.compare import ComparisonOptions
+    from pourcast.comparison.matching import ComparisonOptions
     from pourcast.study.scale import scale_of
 
     return ComparisonOptions(

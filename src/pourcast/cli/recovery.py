@@ -52,6 +52,10 @@ def recover(
     ] = "damping_zeta",
     observers: ObserversOption = 30,
     studies: StudiesOption = 100,
+    over: Annotated[Over, typer.Option(help="models: what tests hold over.")] = Over.BOTH,
+    level: Annotated[
+        float, typer.Option(min=0.5, max=0.999, help="models: told apart if p is below 1 - level.")
+    ] = 0.95,
     spread: Annotated[
         float, typer.Option(min=0, help="parameters: observers differ by so many grid steps (SD).")
     ] = 0.0,
@@ -89,7 +93,12 @@ def recover(
             )
         else:
             title, table = recover_models(
-                study, liquid, model or (), settings=Settings(seed=seed), report=bar, **common
+                study,
+                liquid,
+                model or (),
+                settings=Settings(over.value, level, seed),
+                report=bar,
+                **common,
             )
     if out is not None:
         _write(out, f"{what.value}_recovery", table.reset_index(), recovery(table, title))

@@ -42,6 +42,9 @@ Array = NDArray[np.float64]
 HALVINGS = 500
 """Random halvings of the scenes in cross-validation."""
 
+FITTED_HALVINGS = 25
+"""Random halvings of the scenes of which fitted models are judged with one."""
+
 FEWEST_SCENES = 8
 """A half needs at least four scenes for a correlation that means anything."""
 
@@ -132,19 +135,21 @@ def count_without_alphas(sets: Mapping[str, Candidates]) -> int | None:
     return int(count) if alphas == {OWN_ALPHA} else None
 
 
-def _scores(
-    sets: Mapping[str, Candidates],
-    halves: Mapping[str, NDArray[np.bool_]] | None = None,
-    half: bool = True,
-) -> dict[str, Array]:
-    """Correlation of each candidate; on one half of the scenes, if there are halves."""
-    scores = {}
-    for name, one in sets.items():
-        means = mean_judgments(one.trials.responses)
-        if halves is not None:
-            means = np.where(halves[name] == half, means, np.nan)
-        scores[name] = pearson(means, one.judgments)
-    return scores
+def _scores(sets: Mapping[str, Candidates]) -> dict[str, Array]:
+    """Correlation of each candidate."""
+    return {
+        name: pearson(mean_judgments(one.trials.responses), one.judgments)
+        for name, one in sets.items()
+    }
+
+
+def _scores_on(half: Array, one: Candidates) -> Array:
+    """Correlation of each candidate on a part of the scenes, many times.
+
+    `half` is 1 where a scene is in it, shape [halvings, scene_count].
+    """
+    means = mean_judgments(one.trials.responses)
+    return pearson(np.broadcast_to(means, half.shape), one.judgments, half)
 
 
 def choice_table(sets: Mapping[str, Candidates], settings: Settings) -> pd.DataFrame:
@@ -235,7 +240,9 @@ def _flat_ranges(one: Candidates, number: int, settings: Settings) -> str:
     return "; ".join(ranges)
 
 
-def judgments_of_fitted(sets: Mapping[str, Candidates], settings: Settings) -> dict[str, Array]:
+def judgments_of_fitted(
+    sets: Mapping[str, Candidates], settings: Settings, halvings: int = FITTED_HALVINGS
+) -> dict[str, Array]:
     """Judgments of each fitted model on scenes that its parameters were not chosen on.
 
     Each half of the scenes is judged with the parameters that were chosen on the other one; if
@@ -244,6 +251,18 @@ def judgments_of_fitted(sets: Mapping[str, Candidates], settings: Settings) -> d
     them: with in-sample parameters, one in five studies tells a model with twenty equally good
     settings from a rival that is as good (`benchmarks.error_rates`).
 
+    Of several random halvings each model gets the one whose correlation with people is
+    their median: what is found then hardly depends on which were drawn.
+
+    Parameters
+    ----------
+    sets
+        From `candidates.candidates`.
+    settings
+        The seed of the halvings.
+    halvings
+        How many.
+
     Returns
     -------
     dict
@@ -251,22 +270,49 @@ def judgments_of_fitted(sets: Mapping[str, Candidates], settings: Settings) -> d
         says nothing are left out, as are those with fewer than `FEWEST_SCENES` scenes.
     """
     sets = {name: one for name, one in sets.items() if len(one.trials.scenes) >= FEWEST_SCENES}
-    first: dict[str, bool] = {}
-    rng = settings.rng(9)
+    halves = _halves(sets, halvings, settings.rng(9))
+    on_first, on_other = (
+        {name: _scores_on(half, sets[name]) for name, half in part.items()}
+        for part in (halves, {name: 1.0 - half for name, half in halves.items()})
+    )
+    judged: dict[str, list[Array]] = {name: [] for name in sets}
+    for k in range(halvings):
+        first, other = (
+            choose(sets, {name: each[k] for name, each in scores.items()})
+            for scores in (on_first, on_other)
+        )
+        for name, one in sets.items():
+            if len(one.judgments) > 1 and name in first and name in other:
+                by_first, by_other = _alike(one.judgments[first[name]], one.judgments[other[name]])
+                judged[name].append(np.where(halves[name][k] == 1.0, by_other, by_first))
+    return {
+        name: _of_median_r(sets[name].trials, np.stack(each))
+        for name, each in judged.items()
+        if each
+    }
+
+
+def _halves(
+    sets: Mapping[str, Candidates], halvings: int, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Random halves of each model's scenes, the same for all: 1 if in the first."""
+    first: dict[str, Array] = {}
     for ids in _shown_together(sets):
-        first |= dict(zip(ids, random_halves(len(ids), 1, rng)[0] == 1.0, strict=True))
-    halves = {
-        name: np.array([first[scene.id] for scene in one.trials.scenes])
+        first |= dict(zip(ids, random_halves(len(ids), halvings, rng).T, strict=True))
+    return {
+        name: np.stack([first[scene.id] for scene in one.trials.scenes], axis=1)
         for name, one in sets.items()
     }
-    picks = {half: choose(sets, _scores(sets, halves, half)) for half in (False, True)}
-    judged = {}
-    for name, one in sets.items():
-        if len(one.judgments) > 1 and all(name in pick for pick in picks.values()):
-            both = [one.judgments[picks[half][name]] for half in (True, False)]
-            on_first, on_other = _alike(*both)
-            judged[name] = np.where(halves[name], on_other, on_first)
-    return judged
+
+
+def _of_median_r(trials: Trials, judged: Array) -> Array:
+    """Of several judgments of the same scenes those whose correlation with people is the median.
+
+    The lower of two; those without a correlation are none of them, unless all are.
+    """
+    r = pearson(mean_judgments(trials.responses), judged)
+    known = int(np.isfinite(r).sum())
+    return np.asarray(judged[r.argsort(kind="stable")[max(0, known - 1) // 2]])
 
 
 def _shown_together(sets: Mapping[str, Candidates]) -> list[list[str]]:
@@ -331,11 +377,8 @@ def cross_validation_table(
     # Both liquids show the same scenes; where they don't, each is halved by itself.
     halves = {some: random_halves(len(some), halvings, settings.rng(8)) for some in scenes}
     for name, one in sets.items():
-        people = mean_judgments(one.trials.responses)
-        many = np.broadcast_to(people, (halvings, len(people)))
         half = halves[one.trials.scenes]
-        train[name] = pearson(many, one.judgments, half)
-        test[name] = pearson(many, one.judgments, 1.0 - half)
+        train[name], test[name] = _scores_on(half, one), _scores_on(1.0 - half, one)
     overall = choose(sets, everywhere)
     picks = [choose(sets, {name: train[name][k] for name in sets}) for k in range(halvings)]
     rows = []

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -12,79 +12,29 @@ from pourcast.comparison import (
     choice,
     liquid_effect,
     posterior_checks,
-    stimulus,
     window,
 )
 from pourcast.comparison.agreement import Individuals, PeopleAndModels, Settings
 from pourcast.comparison.answer import answers
-from pourcast.comparison.candidates import Candidates, candidates, is_fitted, not_fitted
+from pourcast.comparison.candidates import Candidates, is_fitted, not_fitted
+from pourcast.comparison.matching import ComparisonOptions, match_study
 from pourcast.comparison.retest import retest_table, unknown_retest
-from pourcast.errors import InputError
-from pourcast.experiment.data.responses import study_responses
-from pourcast.extras import require_extra
 from pourcast.files import finished_files
 from pourcast.models.base import averages_pours, typical_pour
-from pourcast.models.registry import complete_presets, labels_of, make_model
+from pourcast.models.registry import make_model
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.base import Liquid
-from pourcast.scenes.liquids.registry import called, resolve_liquid
+from pourcast.scenes.liquids.registry import resolve_liquid
 from pourcast.scenes.scene import Scene
 from pourcast.simulation.pour import Pour
-from pourcast.statistics.jackknife import FEWEST
 from pourcast.statistics.sampling import Sampling
-from pourcast.study.experiments.base import Experiment, truth_of
-from pourcast.study.folder import study_experiment, study_liquids, study_scenes
-from pourcast.study.responses import Exclusion, exclude
-from pourcast.study.scale import Scale
-from pourcast.study.trials import Trials, arrange, remarks, repeats, uncompared
+from pourcast.study.experiments.base import Experiment
+from pourcast.study.folder import study_scenes
+from pourcast.study.responses import Exclusion
 from pourcast.sweep.judgments import (
     Judgments,
     LiquidAndModel,
-    judge_in_study,
-    study_judgments,
-    sweep_words,
 )
-
-LARGEST_R_HAT = 1.01
-"""Chains of a posterior that differ by more are told of (rank-normalised R-hat)."""
-
-LEAST_ESS = 400.0
-"""Effective draws, of the bulk and of the tails, fewer than which are told of."""
-
-
-@dataclass(frozen=True)
-class ComparisonOptions:
-    """What is to be compared.
-
-    Parameters
-    ----------
-    responses
-        Table of responses, or a folder of them; by default the only one in the study's folder.
-    models
-        Model specs, or names with ``:fitted`` at their end for those whose parameters are chosen
-        on these responses; the paper's presets and all that were swept by default.
-    scale
-        Of the responses in a table, if they aren't shares and its mapping doesn't say it.
-    columns
-        A mapping of a table's columns; see `study.columns.find_columns`.
-    exclude
-        Rules; see `responses.exclude`.
-    settings
-        How intervals are made.
-    carried
-        A `choice_table` of another experiment, to be carried over unchanged.
-    bayes
-        Fit the likelihood of single answers too; takes minutes, and the extra ``bayes``.
-    """
-
-    responses: Path | None = None
-    models: tuple[str, ...] = ()
-    scale: Scale | None = None
-    columns: str | None = None
-    exclude: tuple[str, ...] = ()
-    settings: Settings = field(default_factory=Settings)
-    carried: pd.DataFrame | None = None
-    bayes: bool = False
 
 
 @dataclass(frozen=True)
@@ -178,56 +128,6 @@ TABLES = {
 """Tables of a comparison, and what they say; those that the data can't fill are left out."""
 
 
-@dataclass(frozen=True)
-class StudyTrials:
-    """Responses to a study, without what was excluded.
-
-    Parameters
-    ----------
-    trials
-        One for each liquid.
-    path
-        Where they come from.
-    columns
-        The mapping of the table's columns, if there is one.
-    simulated
-        Whether any is simulated.
-    exclusions
-        What was taken out.
-    told, remarks
-        How the table was read; what else a reader should know of it.
-    """
-
-    trials: tuple[Trials, ...]
-    path: Path
-    columns: str
-    simulated: bool
-    exclusions: tuple[Exclusion, ...]
-    told: tuple[str, ...]
-    remarks: tuple[str, ...]
-
-
-def study_trials(study: Path, options: ComparisonOptions) -> StudyTrials:
-    """Responses to a study, as they are asked for.
-
-    Raises
-    ------
-    InputError
-        If there are none, or something is wrong with them; names file, row and column.
-    """
-    scenes = study_scenes(study)
-    table, path = study_responses(
-        study, options.responses, scenes, scale=options.scale, columns=options.columns
-    )
-    told, mapping = table.attrs.get("told", ()), table.attrs.get("columns", "")
-    table, exclusions = exclude(table, options.exclude)
-    trials = arrange(table, scenes, str(path))
-    return StudyTrials(
-        tuple(trials), path, mapping, bool(table["simulated"].any()), tuple(exclusions),
-        tuple(told), (*uncompared(table), *repeats(table), *remarks(trials, scenes)),
-    )  # fmt: skip
-
-
 def compare_study(
     study: Path, options: ComparisonOptions, report: Report = no_report
 ) -> Comparison:
@@ -252,90 +152,36 @@ def compare_study(
         If judgments could not be made.
     """
     scenes, settings = study_scenes(study), options.settings
-    if options.bayes:
-        require_extra("bayes")
-    read = study_trials(study, options)
-    trials, path = read.trials, read.path
-    if options.bayes and any(one.means_of is not None for one in trials):
-        raise InputError(f"{path}: --bayes needs single answers, and only means are known")
-    for one in trials:
-        if len(one.scenes) < agreement.FEWEST_SCENES:
-            raise InputError(
-                f"{path}: {one.liquid}: {len(one.scenes)} scenes were answered, expected at "
-                f"least {agreement.FEWEST_SCENES}"
-            )
-    experiment, own = study_experiment(study, scenes), study_liquids(study)
-    usual = (experiment and experiment.models) or complete_presets()
-    asked = list(options.models or usual)
-    fitted = [spec for spec in options.models if is_fitted(spec)]
-    specs = [spec for spec in asked if spec not in (stimulus.NAME, *fitted)]
-    carried = [] if options.carried is None else list(options.carried["spec"])
-    wanted = [
-        (called(one.liquid), spec) for one in trials for spec in dict.fromkeys([*specs, *carried])
-    ]
-    judgments = judge_in_study(
-        study, scenes, wanted, "compare", report=sweep_words(report, "judging")
-    )
-    for liquid in {called(one.liquid) for one in trials}:
-        if stimulus.NAME in asked:
-            judgments[liquid, stimulus.NAME] = stimulus.required_truth(study, scenes, liquid)
-        elif (
-            not options.models
-            and (truth := stimulus.stimulus_truth(study, scenes, liquid)) is not None
-        ):
-            judgments[liquid, stimulus.NAME] = truth
-    index = {scene.id: k for k, scene in enumerate(scenes)}
-    labels = labels_of([*specs, *carried, stimulus.NAME])
-
-    def compared(names: Sequence[str]) -> tuple[PeopleAndModels, ...]:
-        return tuple(
-            PeopleAndModels(
-                one,
-                {
-                    labels[spec]: judgments[called(one.liquid), spec][
-                        [index[s.id] for s in one.scenes]
-                    ]
-                    for spec in names
-                    if (called(one.liquid), spec) in judgments
-                },
-                labels.get(truth_of(experiment, called(one.liquid)), ""),
-            )
-            for one in trials
-        )
-
-    judged = study_judgments(study, scenes)
-    sets = candidates(judged, trials)
-    people = choice.with_fitted(compared([*specs, stimulus.NAME]), sets, settings)
-    if options.models:
-        people = _only(people, fitted, path)
+    found = match_study(study, options, report)
+    read, people = found.read, found.people
     report("comparing: single participants", 0, 1)
     individuals = agreement.individuals(people, settings)
-    tables = _tables(people, judged, sets, settings, individuals, report)
+    tables = _tables(people, found.judged, found.candidates, settings, individuals, report)
     if options.bayes:
-        tables |= _bayes(people, experiment, settings, report)
+        tables |= _bayes(people, found.experiment, settings, report)
     if options.carried is not None:
-        tables["carried"] = choice.carried_table(compared(carried), options.carried, settings)
+        tables["carried"] = choice.carried_table(found.carried, options.carried, settings)
     return Comparison(
         study=study,
-        experiment=experiment,
+        experiment=found.experiment,
         scenes=tuple(scenes),
-        source=(path, _digest(path)),
+        source=(read.path, _digest(read.path)),
         columns=read.columns,
         simulated=read.simulated,
         settings=settings,
         compared=people,
-        judged=judged,
-        candidates=sets,
-        pours=tuple(_pours(scenes, wanted, own)),
+        judged=found.judged,
+        candidates=found.candidates,
+        pours=tuple(_pours(scenes, found.wanted, found.own)),
         exclusions=read.exclusions,
         remarks=(
             *read.told,
-            *_models_remarks(specs, labels, own),
+            *_models_remarks(found.specs, found.labels, found.own),
             *_fitted_remarks(people),
-            *not_fitted(fitted, {one.trials.liquid: one.names for one in people}),
+            *not_fitted(found.fitted, {one.trials.liquid: one.names for one in people}),
             *read.remarks,
-            *_doubts(tables, judged, people, individuals, settings),
-            *_doubts_of_posteriors(tables, people, experiment),
+            *_doubts(tables, found.judged, people, individuals, settings),
+            *posterior_checks.doubts_of_posteriors(tables, people, found.experiment),
         ),
         individuals=individuals,
         tables={name: tables[name] for name in TABLES if len(tables.get(name, ()))},
@@ -350,33 +196,6 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(b"".join(each)).hexdigest()
 
 
-def _only(
-    people: Sequence[PeopleAndModels], wanted: Sequence[str], source: Path
-) -> tuple[PeopleAndModels, ...]:
-    """Of the fitted models only those that were asked for."""
-    there = {name for one in people for name in one.names if is_fitted(name)}
-    for name in wanted:
-        if name not in there:
-            known = f"there are {', '.join(sorted(there))}" if there else "there is none"
-            raise InputError(
-                f"model {name}: not fitted on {source} ({known}): it needs a sweep of the study "
-                f"with several values of its parameters (`pourcast sweep STUDY --grid FILE`), and "
-                f"{choice.FEWEST_SCENES} scenes that were answered"
-            )
-    left_out = there - set(wanted)
-    kept = tuple(
-        replace(one, models={name: j for name, j in one.models.items() if name not in left_out})
-        for one in people
-    )
-    for one in kept:
-        if not one.models:
-            raise InputError(
-                f"model: none of these was fitted on {called(one.trials.liquid)} trials, and there "
-                f"are some in {source}: name one for them, too"
-            )
-    return kept
-
-
 def _fitted_remarks(people: Sequence[PeopleAndModels]) -> list[str]:
     """What it means that a model's parameters were chosen on these responses."""
     fitted = [name for one in people for name in one.names if is_fitted(name)]
@@ -385,7 +204,8 @@ def _fitted_remarks(people: Sequence[PeopleAndModels]) -> list[str]:
     return [
         f"{', '.join(dict.fromkeys(fitted))}: each half of the scenes is judged with parameters "
         "that were chosen on the other half, so that r, intervals and tests are not flattered by "
-        "the choice (halves are drawn by --seed: look whether another one tells the same apart)"
+        f"the choice (of {choice.FITTED_HALVINGS} random halvings, drawn by --seed, the one of "
+        "median r; another seed may yet tell what is on the edge)"
     ]
 
 
@@ -475,7 +295,7 @@ def _pours(
 
 
 def _models_remarks(
-    specs: Sequence[str], labels: dict[str, str], own: Sequence[Liquid]
+    specs: Sequence[str], labels: Mapping[str, str], own: Sequence[Liquid]
 ) -> list[str]:
     """What is to be known of the models themselves."""
     said = {labels[spec]: make_model(spec, own).remark for spec in specs}
@@ -513,44 +333,3 @@ def _doubts(
         for liquid, why in individuals.left_out.items()
     ]
     return [doubt for doubt in doubts if doubt]
-
-
-def _doubts_of_posteriors(
-    tables: dict[str, pd.DataFrame],
-    people: Sequence[PeopleAndModels],
-    experiment: Experiment | None,
-) -> list[str]:
-    """What of the likelihood of single answers is not to be relied on, or is not there, and why."""
-    if "posterior" not in tables:
-        return []
-    doubts = list(_not_converged(tables["posterior"], ""))
-    if len(effects := tables["liquid_effect"]):
-        doubts += _not_converged(effects, " of the liquid's effect")
-    doubts += posterior_checks.unlike_people(tables["predictive_checks"])
-    doubts += posterior_checks.sensitive_to_priors(tables["posterior"])
-    doubts += [_unknown_loo(one.trials) for one in people]
-    doubts += liquid_effect.unknown_liquid_effects(people, experiment)
-    return [doubt for doubt in doubts if doubt]
-
-
-def _not_converged(table: pd.DataFrame, what: str) -> Iterator[str]:
-    """Which posteriors are not to be relied on, and why."""
-    for (liquid, model), rows in table.groupby(["liquid", "model"], sort=False):
-        why = []
-        if (r_hat := rows["r_hat"].max()) > LARGEST_R_HAT:
-            why.append(f"its chains disagree (R-hat {r_hat:.3f}, above {LARGEST_R_HAT})")
-        if (ess := rows[["ess_bulk", "ess_tail"]].to_numpy().min()) < LEAST_ESS:
-            why.append(f"it is worth {ess:.0f} draws (fewer than {LEAST_ESS:.0f})")
-        if divergences := rows["divergences"].max():
-            why.append(f"{divergences} of its trajectories diverged")
-        if why:
-            yield f"{liquid}: trust the posterior{what} by {model} less: {', '.join(why)}"
-
-
-def _unknown_loo(trials: Trials) -> str:
-    """What can't be left out one at a time, as there is too little of it; empty if all can."""
-    counts = dict(zip(("participants", "scenes"), trials.responses.shape, strict=True))
-    few = [f"{what} ({count})" for what, count in counts.items() if count < FEWEST]
-    if not few:
-        return ""
-    return f"{trials.liquid}: no leaving out of {' or '.join(few)}: it needs at least {FEWEST}"

@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 
 from pourcast.comparison.agreement import FEWEST_SCENES
 from pourcast.comparison.candidates import Candidates, candidates, is_fitted, not_fitted
-from pourcast.comparison.compare import (
-    LARGEST_R_HAT,
-    LEAST_ESS,
-    ComparisonOptions,
-    study_trials,
-)
+from pourcast.comparison.matching import ComparisonOptions, study_trials
+from pourcast.comparison.posterior_checks import LARGEST_R_HAT, LEAST_ESS
 from pourcast.errors import InputError, unknown
 from pourcast.extras import require_extra
 from pourcast.progress import Report, no_report

@@ -149,6 +149,10 @@ def parse_parameter(
         return None
     if Liquid in options and (named := [one for one in own if text in (one.name, one.called)]):
         return named[0]
+    if bool in options:
+        if (word := text.lower()) not in ("true", "false"):
+            raise InputError(f"model {model!r}: {key}: expected true or false, found {text!r}")
+        return word == "true"
     for convert in (int, float, str):
         if convert in options:
             try:

@@ -42,6 +42,8 @@ HEADINGS = {
     "elpd_diff": "below the best",
     "dse": "se of that",
     "told": "told apart (Holm)",
+    "nearest": "share in which it is nearest",
+    "told_from": "share of others it is told from",
     "p_loo": "effective parameters",
     "largest_k": "largest Pareto k",
     "r_hat": "R-hat",

@@ -10,6 +10,7 @@ import pandas as pd
 
 import pourcast
 from pourcast.comparison.candidates import PAPER, is_fitted
+from pourcast.comparison.choice import FITTED_HALVINGS
 from pourcast.comparison.compare import Comparison
 from pourcast.files import finished_files
 from pourcast.report.numbers import engine_in_words, fields_in_words, liquid_in_words
@@ -121,7 +122,8 @@ def _choice(comparison: Comparison) -> str:
     if any(is_fitted(name) for one in comparison.compared for name in one.names):
         sentences.append(
             "for the comparison with other models, each half of the scenes was judged with the "
-            "parameters that were chosen on the other half"
+            "parameters that were chosen on the other half (of "
+            f"{FITTED_HALVINGS} random halvings the one of median r)"
         )
     return f"{'; '.join(sentences)}. "
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from pourcast.comparison.agreement import Settings
 from pourcast.comparison.candidates import candidates
 from pourcast.comparison.choice import count_without_alphas, read_choice
-from pourcast.comparison.compare import Comparison, ComparisonOptions, compare_study
+from pourcast.comparison.compare import Comparison, compare_study
+from pourcast.comparison.matching import ComparisonOptions
 from pourcast.errors import InputError, StoreError
 from pourcast.experiment.data.responses import study_responses
 from pourcast.models.registry import complete_presets

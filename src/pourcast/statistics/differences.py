@@ -1,6 +1,8 @@
-"""Which of two models agrees better with people: paired differences of correlations."""
+"""Which of two models agrees better with people: paired differences of r, or of RMSE."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +10,15 @@ from scipy import stats
 from scipy.stats import qmc
 
 from pourcast.statistics.correlation import agreement
-from pourcast.statistics.jackknife import Estimate, Over, fisher_z, jackknife
+from pourcast.statistics.jackknife import SCALES, Estimate, Over, Scale, jackknife
 
 Array = NDArray[np.float64]
+
+PairMeasure = Literal["r", "rmse"]
+"""By which one of two models may be nearer to people."""
+
+NEARER: Mapping[PairMeasure, int] = {"r": 1, "rmse": -1}
+"""Sign of a difference where the first model is nearer to people."""
 
 _DRAWS = 4096
 _POINTS = stats.norm.ppf(qmc.Sobol(2, scramble=True, rng=0).random(_DRAWS)).T[:, :, None]
@@ -22,56 +30,62 @@ _LEAST_LEVEL = 1e-6
 
 @dataclass(frozen=True)
 class Differences:
-    """Differences in r between pairs of models, each of shape [pair_count].
+    """Differences between pairs of models in a measure, each of shape [pair_count].
 
     Parameters
     ----------
     first, second
         Numbers of the models of each pair.
     single
-        Fisher's z of each model, shape [model_count].
+        Each model's measure on its scale (of r, Fisher's z), shape [model_count].
     paired
-        Difference in z of each pair.
+        Difference of each pair on that scale.
+    scale
+        The scale.
     """
 
     first: NDArray[np.int64]
     second: NDArray[np.int64]
     single: Estimate
     paired: Estimate
+    scale: Scale = SCALES["r"]
 
     @property
     def difference(self) -> Array:
         """Of the first minus the second."""
-        r: Array = np.tanh(self.single.value)
-        return r[self.first] - r[self.second]
+        values: Array = self.scale.back(self.single.value)
+        return values[self.first] - values[self.second]
 
     @property
     def p(self) -> Array:
-        """Two-sided, of no difference in z, before any correction; NaN where it can't be told."""
+        """Two-sided, of no difference, before any correction; NaN where it can't be told."""
         return self.paired.p
 
     def interval(self, level: float) -> tuple[Array, Array]:
-        """Limits of the difference in r.
+        """Limits of the difference.
 
-        Errors of both z, as they go together, are carried over to it by a normal distribution of
-        `_DRAWS` points, the same ones each time.
+        Errors of both on the scale, as they go together, are carried over to it by a normal
+        distribution of `_DRAWS` points, the same ones each time.
         """
-        return _ends_in_r(self.single[self.first], self.single[self.second], self.paired, level)
+        one, other = self.single[self.first], self.single[self.second]
+        return _ends(one, other, self.paired, self.scale, level)
 
     def equivalence(self, level: float) -> Array:
-        """The smallest region about 0 within which the difference in r is shown to lie.
+        """The smallest region about 0 within which the difference is shown to lie.
 
-        Two one-sided tests (Schuirmann 1987), each at 1 - level: two models whose r may differ by
+        Two one-sided tests (Schuirmann 1987), each at 1 - level: two models that may differ by
         as much for all that matters are equivalent. NaN where it can't be told.
         """
         low, high = self.interval(max(2.0 * level - 1.0, _LEAST_LEVEL))
         return np.maximum(-low, high)
 
 
-def compare_pairs(responses: Array, models: Array, over: Over) -> Differences:
-    """Compare all pairs of models on the same people and scenes, in Fisher's z.
+def compare_pairs(
+    responses: Array, models: Array, over: Over, by: PairMeasure = "r"
+) -> Differences:
+    """Compare all pairs of models on the same people and scenes.
 
-    Its errors are normal.
+    On the measure's scale, where errors are normal: Fisher's z of r, the logarithm of RMSE.
 
     Parameters
     ----------
@@ -81,16 +95,18 @@ def compare_pairs(responses: Array, models: Array, over: Over) -> Differences:
         Judgments, shape [model_count, scene_count].
     over
         What the difference must hold over.
+    by
+        What is compared.
     """
-    count = len(models)
+    count, scale = len(models), SCALES[by]
     first, second = np.triu_indices(count, 1)
 
     def measure(means: Array, weights: Array) -> Array:
-        z = fisher_z(agreement(means, models, weights).r)
-        return np.hstack([z, z[:, first] - z[:, second]])
+        each = scale.there(getattr(agreement(means, models, weights), by))
+        return np.hstack([each, each[:, first] - each[:, second]])
 
     found = jackknife(responses, measure, over)
-    return Differences(first, second, found[:count], found[count:])
+    return Differences(first, second, found[:count], found[count:], scale)
 
 
 def holm(p: Array) -> Array:
@@ -108,10 +124,10 @@ def holm(p: Array) -> Array:
     return corrected
 
 
-def _ends_in_r(
-    one: Estimate, other: Estimate, difference: Estimate, level: float
+def _ends(
+    one: Estimate, other: Estimate, difference: Estimate, scale: Scale, level: float
 ) -> tuple[Array, Array]:
-    """Interval of the difference of two correlations, from that of their z."""
+    """Interval of the difference of two measures, from that on their scale."""
     # The first error, and what the second has besides: so the difference keeps its variance.
     covariance = 0.5 * (one.variance + other.variance - difference.variance)
     error = np.sqrt(one.variance)
@@ -122,8 +138,8 @@ def _ends_in_r(
     points = _POINTS * (stats.t.ppf(tail, difference.df) / stats.norm.ppf(tail))
     a = one.value + error * points[0]
     b = other.value + slope * error * points[0] + rest * points[1]
-    low, high = np.quantile(np.tanh(a) - np.tanh(b), (1.0 - tail, tail), axis=0)
-    observed = np.tanh(one.value) - np.tanh(other.value)
+    low, high = np.quantile(scale.back(a) - scale.back(b), (1.0 - tail, tail), axis=0)
+    observed = scale.back(one.value) - scale.back(other.value)
     known = np.isfinite(difference.variance)
     return (
         np.where(known, np.minimum(low, observed), np.nan),

@@ -52,8 +52,8 @@ Measure = Callable[[Array, Array], Array]
 
 _MOST_PAIRS = 20_000
 """Pairs of participants that are left out together, of more only some."""
-_BLOCK = 4096
-"""Cases that are measured at once."""
+_BLOCK = 256
+"""Cases that are measured at once: as many as stay near the processor."""
 _LEAST = 1e-12
 """What is positive and less is 0 but for rounding."""
 _LARGEST_Z = 18.0
@@ -286,14 +286,17 @@ class _Answers:
         left = weights * (1.0 - np.eye(means.shape[1]))
         yield np.broadcast_to(means, left.shape), left
 
-    def without_answer(self, scene: int) -> tuple[Array, Array]:
-        """Means without one answer to a scene, a case each."""
-        who = np.flatnonzero(self.there[:, scene])
-        total = np.tile(self.total, (len(who), 1))
-        count = np.tile(self.count, (len(who), 1))
-        total[:, scene] -= self.values[who, scene]
-        count[:, scene] -= 1
-        return self._means(total, count)
+    def without_answers(
+        self, who: NDArray[np.int64], scenes: NDArray[np.int64]
+    ) -> Iterator[tuple[Array, Array]]:
+        """Means without one answer in each case."""
+        for first in range(0, len(who), _BLOCK):
+            person, scene = who[first : first + _BLOCK], scenes[first : first + _BLOCK]
+            case = np.arange(len(scene))
+            total, count = (np.tile(each, (len(scene), 1)) for each in (self.total, self.count))
+            total[case, scene] -= self.values[person, scene]
+            count[case, scene] -= 1
+            yield self._means(total, count)
 
     @staticmethod
     def _means(total: Array, count: Array) -> tuple[Array, Array]:
@@ -349,10 +352,14 @@ def pairs(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _of_single_answers(answers: _Answers, measure: Measure) -> Array:
-    """Variance as if each answer were independent of all others."""
-    total: Array | float = 0.0
-    for scene, count in enumerate(answers.count):
-        if count > 1:
-            values = measure(*answers.without_answer(scene))
-            total = total + _spread(values)[0]
-    return np.asarray(total)
+    """Variance as if each answer were independent of all others: the sum of scenes' jackknifes."""
+    scenes, who = np.nonzero(answers.there.T & (answers.count > 1)[:, None])
+    if not len(who):
+        return np.zeros(1)
+    values = _measured(answers.without_answers(who, scenes), measure)
+    first = np.flatnonzero(np.diff(scenes, prepend=-1))
+    n = np.diff(first, append=len(scenes))[:, None]
+    means = np.add.reduceat(values, first) / n
+    squares = np.add.reduceat((values - np.repeat(means, n[:, 0], axis=0)) ** 2, first)
+    variance: Array = ((n - 1.0) / n * squares).sum(axis=0)
+    return variance

@@ -166,6 +166,9 @@ def _raw(path: Path, columns: Columns) -> tuple[pd.DataFrame, str]:
 
 def _require(path: Path, raw: pd.DataFrame, columns: Columns, scene_ids: Collection[str]) -> None:
     """Refuse a table without a column that is needed; says which are, and how to map them."""
+    needed = {*REQUIRED} - {*columns.sources} | {*columns.needed}
+    if twice := [f"{name!r}" for name in raw.attrs.get("repeated", ()) if name in needed]:
+        raise InputError(f"{path}: column {', '.join(twice)}: several are called so, expected one")
     said = [*columns.sources, *(["scene", "response"] if columns.wide else [])]
     said += ["participant"] if columns.means else []
     missing = [f"{name!r}" for name in REQUIRED if name not in (*said, *raw.columns)]

@@ -121,8 +121,24 @@ def read_responses(
         rows=recoded.rows, names=recoded.names,
     )  # fmt: skip
     said = [] if used == SHARES else [f"{path.name}: responses are on the scale {used.words}"]
+    said += [f"{path.name}: {text}" for text in _on_another_scale(checked, used)]
     checked.attrs["told"] = (*recoded.remarks, *said)
     return checked
+
+
+def _on_another_scale(table: pd.DataFrame, scale: Scale) -> list[str]:
+    """Who seems to have answered in 0..1 where others did on a longer scale."""
+    if scale.high <= 1.0 or scale.low < 0.0:
+        return []
+    test = table[table["phase"] == TEST]
+    written = (test["response"] * (scale.high - scale.low) + scale.low).round(9)
+    who_answered = test["participant"]
+    between = (written % 1.0 > 0.0).groupby(who_answered).any()
+    within = (written.groupby(who_answered).max() <= 1.0) & between
+    if not within.any():
+        return []
+    who = ", ".join(map(str, within.index[within]))
+    return [f"nothing above 1 on the scale {scale.words}, as if answered in 0..1, by {who}"]
 
 
 def check_responses(

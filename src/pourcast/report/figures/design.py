@@ -36,7 +36,8 @@ def recovery(table: pd.DataFrame, title: str) -> Figure:
                 axes.text(
                     j, i, f"{100 * share:.0f}", ha="center", va="center", color=colour, fontsize=6
                 )
-        axes.set(xlabel="recovered", ylabel="planted", title=title)
+        axes.set(xlabel="recovered", ylabel="planted")
+        figure.suptitle(title, fontsize=RC["axes.titlesize"])
         figure.colorbar(picture, ax=axes, shrink=0.8, label="share of simulated studies")
     return figure
 

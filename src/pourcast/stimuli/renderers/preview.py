@@ -4,6 +4,7 @@ Solids are bevelled and lit from above on the left. The liquid is as opaque as i
 films and drops are told from pools.
 """
 
+import math
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -31,6 +32,8 @@ _LIGHT = np.array([-0.5, -0.85])
 """Towards the light, right and down in the picture."""
 _BEVEL = 0.012
 """Width of solids' edges [m]."""
+_BLUR, _SHADOW = 0.008, 0.006
+"""How soft solids' shadows are, and how far these lie right and below [m]."""
 _SUPERSAMPLING = 4
 _POINT_CELL = 0.006
 """Cells in which particles are counted [m]."""
@@ -191,24 +194,41 @@ def _solids(scene: Scene, size: tuple[int, int]) -> tuple[Array, Array]:
     scale = size[0] / scene.box.width
     for polygons, colour in ((scene.obstacles, _OBSTACLE), (scene.goal.solids, _GOAL)):
         for polygon in polygons:
-            mask = _mask(polygon, size, scale)
+            at = _around(polygon, size, scale)
+            mask, part, before = _mask(polygon, at, size, scale), image[at], covered[at]
             # A soft shadow on the wall behind.
-            shade = shift(gaussian_filter(mask, 0.008 * scale), round(0.006 * scale), order=0)
-            image *= 1.0 - 0.18 * (shade * (1.0 - mask) * (1.0 - covered))[..., None]
+            shade = shift(gaussian_filter(mask, _BLUR * scale), round(_SHADOW * scale), order=0)
+            part *= 1.0 - 0.18 * (shade * (1.0 - mask) * (1.0 - before))[..., None]
             lit = (colour * _lighting(mask, scale)[..., None]).astype(np.float32)
-            image += mask[..., None] * (np.clip(lit, 0.0, 1.0) - image)
-            covered = np.maximum(covered, mask)
+            part += mask[..., None] * (np.clip(lit, 0.0, 1.0) - part)
+            before[:] = np.maximum(before, mask)
     return image, covered
 
 
-def _mask(polygon: Polygon, size: tuple[int, int], scale: float) -> Array:
-    """How much of each pixel a polygon covers."""
-    fine = Image.new("L", (size[0] * _SUPERSAMPLING, size[1] * _SUPERSAMPLING))
+def _around(polygon: Polygon, size: tuple[int, int], scale: float) -> tuple[slice, slice]:
+    """Rows and columns of the pixels that a polygon, its shadow and its edges change."""
+    # SciPy's Gaussian ends at four standard deviations.
+    margin = math.ceil((4.0 * _BLUR + _SHADOW) * scale) + 2
+    x, y = np.array(polygon).T * scale
+    columns, rows = (x.min(), x.max()), (size[1] - y.max(), size[1] - y.min())
+    ends = [
+        (max(0, math.floor(low) - margin), min(count, math.ceil(high) + margin))
+        for (low, high), count in ((rows, size[1]), (columns, size[0]))
+    ]
+    return slice(*ends[0]), slice(*ends[1])
+
+
+def _mask(polygon: Polygon, at: tuple[slice, slice], size: tuple[int, int], scale: float) -> Array:
+    """How much of each pixel in some rows and columns a polygon covers."""
+    (top, bottom), (left, right) = ((part.start, part.stop) for part in at)
+    shape = (right - left, bottom - top)
+    fine = Image.new("L", (shape[0] * _SUPERSAMPLING, shape[1] * _SUPERSAMPLING))
     corners = [
-        (x * scale * _SUPERSAMPLING, fine.height - y * scale * _SUPERSAMPLING) for x, y in polygon
+        ((x * scale - left) * _SUPERSAMPLING, (size[1] - top - y * scale) * _SUPERSAMPLING)
+        for x, y in polygon
     ]
     ImageDraw.Draw(fine).polygon(corners, fill=255)
-    return np.asarray(fine.resize(size, Image.Resampling.BOX), dtype=np.float32) / 255.0
+    return np.asarray(fine.resize(shape, Image.Resampling.BOX), dtype=np.float32) / 255.0
 
 
 def _lighting(mask: Array, scale: float) -> Array:
