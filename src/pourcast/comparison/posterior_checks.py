@@ -102,8 +102,8 @@ def sensitive_to_priors(posterior: pd.DataFrame) -> Iterator[str]:
         if len(sensitive):
             yield (
                 f"{liquid}: priors count in the posteriors of "
-                f"{_by_model(sensitive, 'parameter', rows)}: with other priors these would be "
-                "others (prior_sensitivity)"
+                f"{_by_model(sensitive, 'parameter', rows)}: with stronger or weaker ones these "
+                "would be a little different (prior_sensitivity)"
             )
 
 
