@@ -14,6 +14,7 @@ from pourcast.comparison.choice import (
     scores_table,
 )
 from pourcast.models.registry import make_model
+from pourcast.statistics.differences import compare_pairs
 from pourcast.sweep.judgments import judgments_of
 from tests.comparison.make import (
     judgment_table,
@@ -247,6 +248,16 @@ def test_what_is_found_hardly_depends_on_the_seed(study):
             spread.setdefault(name, []).append(np.std(r))
     for one, median in spread.values():
         assert median <= max(0.5 * one, 1e-3)
+
+
+def test_halves_that_choose_the_same_setting_are_that_setting(study):
+    judged = study[1]
+    one = fitted(study, WATER, None, noise=0.02)["water-ife"]
+    best = judged.find("water", WATER)
+    found = judgments_of_fitted({"water-ife": one}, SETTINGS)["water-ife"]
+    assert (found == best).all()
+    pair = compare_pairs(one.trials.responses, np.stack([best, found]), "both")
+    assert (pair.difference[0], pair.p[0]) == (0.0, 1.0)
 
 
 def test_settings_that_differ_in_level_and_scale_alone_are_one_model(study):

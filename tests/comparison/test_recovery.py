@@ -3,8 +3,9 @@ import pandas as pd
 import pytest
 
 from pourcast.comparison import recovery
-from pourcast.comparison.agreement import Settings
+from pourcast.comparison.agreement import PeopleAndModels, Settings
 from pourcast.comparison.candidates import candidates
+from pourcast.comparison.choice import with_fitted
 from pourcast.comparison.design import Design, model_recovery_table, power_table
 from pourcast.comparison.recovery import (
     along,
@@ -23,7 +24,13 @@ from pourcast.statistics.observer import Population
 from pourcast.study.trials import Trials
 from pourcast.sweep.judgments import judgments_of
 from pourcast.tables import write_table
-from tests.comparison.make import judgment_table, made_up, made_up_table, voronoi_scenes
+from tests.comparison.make import (
+    judgment_table,
+    made_up,
+    made_up_table,
+    people_like,
+    voronoi_scenes,
+)
 
 COMMON = {"population": Population(), "seed": 0}
 
@@ -222,6 +229,28 @@ def folder(tmp_path_factory):
 
 
 SMALL = {"observers": 5, "studies": 4, "population": Population()}
+
+
+def test_a_model_that_inherits_from_another_liquid_is_fitted_to_each_study_with_what_was_chosen():
+    scenes, judged = made_up(20)
+    trials = [
+        people_like(scenes, judged.find("water", "water-ife"), liquid=liquid)
+        for liquid in ("water", "honey-exp1")
+    ]
+    sets = candidates(judged, trials)
+    honey = with_fitted(
+        [PeopleAndModels(trials[0], {}), PeopleAndModels(trials[1], {})], sets, Settings()
+    )[1]
+    assert "honey-ife-2:fitted" in honey.names
+    design = Design.of(honey, sets)
+    assert "honey-ife-2:fitted" in design.names
+    everything = np.arange(len(scenes))
+    planted = design.planted("honey-ife-2:fitted", np.random.default_rng(0))
+    responses = Population().respond(
+        planted, Population().draw(12, np.random.default_rng(1)), np.random.default_rng(2)
+    )
+    analysed = design.analysed(responses, everything, Settings())
+    assert set(analysed.names) == set(design.names)
 
 
 def test_a_parameter_of_a_study_is_recovered_from_its_tables(folder):

@@ -194,6 +194,18 @@ def test_intervals_of_similar_models_are_as_narrow_as_their_test(alike):
     assert agree >= 38
 
 
+def test_what_holds_over_both_is_no_firmer_than_over_scenes():
+    firmer = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        truth, one, other = rng.random((3, 24))
+        people = np.clip(truth + 0.3 * rng.standard_normal((33, 24)), 0.0, 1.0)
+        models = np.stack([truth + 0.3 * one, truth + 0.3 * other])
+        both, scenes = (compare_pairs(people, models, over).p[0] for over in ("both", "scenes"))
+        firmer += both < scenes - 1e-9
+    assert firmer <= 4
+
+
 def test_equal_models_differ_by_nothing():
     truth, responses = study()
     found = compare_pairs(responses, np.stack([truth, truth]), "both")
