@@ -47,7 +47,7 @@ def multiverse(
     """Does the conclusion stand, however the data are analysed? All ways at once, in one figure.
 
     Exclusions x measure (r, RMSE, with --bayes the likelihood) x what a conclusion holds over;
-    ground truths are among the models, and participants beside chance by each.
+    participants beside chance by each ground truth that is compared.
 
     Example: pourcast multiverse my-study --exclude min-sd=0.1 --exclude max-rt=30 -o multiverse
     """

@@ -383,6 +383,12 @@ def _remarks(
         yield from found.read.remarks
         names = {one.trials.liquid: one.names for one in found.people}
         yield from not_fitted(found.fitted, names)
+        for one in found.people:
+            if one.trials.means_of is None and not _truths(one):
+                yield (
+                    f"{one.trials.liquid}: participants are not set beside chance: no ground truth "
+                    "was compared"
+                )
         fitted = dict.fromkeys(name for some in names.values() for name in some if is_fitted(name))
         if fitted:
             yield (
@@ -538,6 +544,8 @@ def _choices_table(analyses: pd.DataFrame) -> pd.DataFrame:
     parts = []
     for liquid, rows in table.groupby("liquid", sort=False):
         for choice, option in options.items():
+            if choice in rules and option.loc[rows.index].nunique() < 2:
+                continue  # Of this liquid it takes nothing out.
             for name, some in rows.groupby(option.loc[rows.index], sort=False):
                 parts.append(
                     {
