@@ -248,7 +248,7 @@ def judgments_of_fitted(
     Each half of the scenes is judged with the parameters that were chosen on the other one; if
     these differ, judgments of both get the same mean and spread over the scenes. So these judgments
     agree with people as those of any model do that is given beforehand, and can be tested against
-    them: with in-sample parameters, one in five studies tells a model with twenty equally good
+    them: with in-sample parameters, one in six studies tells a model with twenty equally good
     settings from a rival that is as good (`benchmarks.error_rates`).
 
     Of several random halvings each model gets the one whose correlation with people is
