@@ -59,8 +59,11 @@ def correlations(
             axes.set_xlim(min(0.0, float(rows[["r", "r_low"]].min(axis=None))), 1.0)
         figure.axes[0].invert_yaxis()
         over = over_words(agreement["over"].iloc[0])
-        diamonds = "; diamonds: published" if experiment and experiment.published else ""
-        figure.suptitle(f"Lines: 95 % intervals over {over}{diamonds}", fontsize=7)
+        has_lines = bool(agreement["r_low"].notna().any())
+        said = [f"Lines: 95 % intervals over {over}"] if has_lines else []
+        said += ["Diamonds: published"] if experiment and experiment.published else []
+        # In one column there is no room for a line of both.
+        figure.suptitle(("\n" if len(figure.axes) == 1 else ". ").join(said), fontsize=7)
     return figure
 
 
@@ -141,6 +144,16 @@ def _family(name: str) -> str:
     return "truth" if base.startswith("truth") else family_of(base)
 
 
+_FEW_MODELS = 9
+
+
+def _tests(rows: pd.DataFrame) -> str:
+    """What a star means; without tests, that there are none."""
+    over = over_words(rows["over"].iloc[0])
+    known = rows["p_holm"].notna().any()
+    return f"* p < .05 for all pairs (Holm), over {over}" if known else f"(no tests over {over})"
+
+
 def differences(table: pd.DataFrame, liquid: str) -> Figure:
     """Who beats whom: differences in r, and which hold for all pairs together.
 
@@ -160,7 +173,9 @@ def differences(table: pd.DataFrame, liquid: str) -> Figure:
     matrix[i, j], matrix[j, i] = rows["difference"], -rows["difference"]
     holds[i, j] = holds[j, i] = rows["p_holm"] < 0.05
     with mpl.rc_context(RC):
-        figure = new_figure(PAGE * 0.75, PAGE * 0.68)
+        # Numbers and stars of many models need the whole page.
+        size = PAGE * (0.75 if len(models) <= _FEW_MODELS else 1.0)
+        figure = new_figure(size, size * 0.9)
         axes = figure.add_subplot()
         limit = float(np.nanmax(np.abs(matrix), initial=0.01))
         picture = axes.imshow(matrix, cmap="PuOr", vmin=-limit, vmax=limit)
@@ -175,8 +190,7 @@ def differences(table: pd.DataFrame, liquid: str) -> Figure:
         axes.set_xticklabels(models, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticklabels(models)
         axes.set_title(
-            f"{called(liquid)} trials: r of the row's model minus r of the column's\n"
-            f"* p < .05 for all pairs (Holm), over {over_words(rows['over'].iloc[0])}"
+            f"{called(liquid)} trials: r of the row's model minus r of the column's\n{_tests(rows)}"
         )
         figure.colorbar(picture, ax=axes, shrink=0.8, label="difference in r")
     return figure
