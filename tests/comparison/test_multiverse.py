@@ -149,6 +149,44 @@ def test_what_cannot_be_asked_is_refused(folder):
         study_multiverse(folder, options("min-sdd=2"))
 
 
+def test_fitted_models_alone_are_compared_by_r_alone(folder):
+    fitted = ("water-ife:fitted", "water-simple:fitted")
+    found = study_multiverse(folder, options("max-rt=30", models=fitted))
+    assert set(found.tables["analyses"]["measure"]) == {"r"}
+    assert any("not compared by RMSE" in remark for remark in found.remarks)
+    beside = study_multiverse(folder, options("max-rt=30", models=(*fitted, "gravity", "blobs")))
+    by_rmse = beside.tables["findings"].query("measure == 'rmse'")
+    assert not by_rmse["rival"].str.endswith(":fitted").any()
+
+
+def test_rules_that_touch_one_liquid_are_no_analyses_of_another(folder):
+    table = responses_of(folder)
+    other = table[table["participant"] != table["participant"].iloc[1]].assign(rt=4.0)
+    write_responses(folder, pd.concat([table, other.assign(liquid="honey")]))
+    found = study_multiverse(folder, options("max-rt=30"))
+    counts = found.tables["analyses"].groupby("liquid")["exclusions"].unique().map(list).to_dict()
+    assert counts == {"water": [NO_RULE, "max-rt=30"], "honey-exp1": [NO_RULE]}
+    assert "max-rt=30" not in set(found.tables["choices"].query("liquid == 'honey-exp1'")["choice"])
+    # A rule may leave nobody for one of them.
+    write_responses(folder, pd.concat([table, other.assign(liquid="honey", rt=99.0)]))
+    found = study_multiverse(folder, options("max-rt=50"))
+    assert "honey-exp1: not analysed: excluded: max-rt=50 (nobody is left)" in found.remarks
+
+
+def test_equal_models_are_both_nearest(folder):
+    found = study_multiverse(
+        folder, options("max-rt=30", models=("gravity", "gravity:", "blobs")), "gravity:"
+    )
+    rows = found.tables["findings"].query("rival == 'gravity'")
+    assert set(rows["finding"]) == {"nearer"}
+    assert (rows["p"] == 1.0).all()
+    first = study_multiverse(
+        folder, options("max-rt=30", models=("gravity", "gravity:", "blobs")), "gravity"
+    )
+    nearest = [each.tables["analyses"]["nearest"].tolist() for each in (found, first)]
+    assert nearest[0] == nearest[1]
+
+
 def test_the_command_says_whether_it_stands_and_draws_it(folder, capsys):
     out = folder / "multiverse"
     rules = ["--exclude", "max-rt=30", "--exclude", "min-sd=0.1"]

@@ -155,40 +155,9 @@ def study_multiverse(
         If judgments could not be made.
     """
     settings = options.settings
-    rules = _tried_rules(study, options)
-    analyses: list[_Analysis] = []
-    chances: list[pd.DataFrame] = []
-    remarks: dict[str, None] = dict.fromkeys(rules.remarks)
-    seen: dict[bytes, str] = {}
-    main: dict[str, str] = {}
-    liquids: list[str] = []
-    for done, chosen in enumerate(rules.sets):
-        words = _words(chosen)
-        report(f"excluded: {words}", done, len(rules.sets))
-        found = match_study(study, replace(options, exclude=chosen))
-        if claim and not done:
-            _check_claim(claim, found.people)
-        # Rules that take out nothing of a liquid's answers make no other analysis of it.
-        new = [one for one in found.people if _digest(one.trials) not in seen]
-        for one in found.people:
-            first = seen.setdefault(_digest(one.trials), words)
-            if chosen == rules.main:
-                main[one.trials.liquid] = first
-        for one in new:
-            analyses += _by_answers(one, words, settings)
-            if options.bayes:
-                by_likelihood, said = _by_likelihood(one, words, settings, report)
-                analyses += by_likelihood
-                remarks |= dict.fromkeys(f"excluded: {words}: {text}" for text in said)
-            remarks |= dict.fromkeys(_unknown(one, words))
-        liquids = liquids or [one.trials.liquid for one in found.people]
-        told = _remarks(found, words, liquids, is_main=chosen == rules.main)
-        remarks |= dict.fromkeys(told)
-        chances += _against_each_truth(found.people, new, words, settings)
-    if not analyses:
-        raise InputError(f"{found.read.path}: {'; '.join(remarks)}")
-    claims = _claims(claim, analyses, main, settings)
-    remarks |= dict.fromkeys(_claims_remarks(claim, claims, analyses))
+    made = _analysed(study, options, claim, report)
+    analyses = made.analyses
+    claims = _claims(claim, analyses, made.main, settings)
     findings = pd.concat(
         [_findings(one, claims[one.liquid], settings) for one in analyses if _has(one, claims)],
         ignore_index=True,
@@ -196,17 +165,63 @@ def study_multiverse(
     tables = {
         "analyses": _analyses_table(analyses, findings, claims),
         "findings": findings,
-        "chance": pd.concat(chances, ignore_index=True) if chances else pd.DataFrame(),
+        "chance": pd.concat(made.chances, ignore_index=True) if made.chances else pd.DataFrame(),
     }
     tables["choices"] = _choices_table(tables["analyses"])
     answers = [
         _answer(claims[str(liquid)], rows, tables["analyses"])
         for liquid, rows in findings.groupby("liquid", sort=False)
     ]
+    remarks = dict.fromkeys([*made.remarks, *_claims_remarks(claim, claims, analyses)])
     return Multiverse(
-        found.read.simulated, tuple(answers), tuple(remarks),
+        made.simulated, tuple(answers), tuple(remarks),
         {name: tables[name] for name in TABLES if len(tables[name])},
     )  # fmt: skip
+
+
+class _Made(NamedTuple):
+    """All analyses, participants against chance in each, and what is to be said of them.
+
+    `main`: for each liquid, what is excluded in the main analysis.
+    """
+
+    simulated: bool
+    analyses: list[_Analysis]
+    chances: list[pd.DataFrame]
+    main: dict[str, str]
+    remarks: list[str]
+
+
+def _analysed(study: Path, options: ComparisonOptions, claim: str, report: Report) -> _Made:
+    settings, rules = options.settings, _tried_rules(study, options)
+    analyses: list[_Analysis] = []
+    chances: list[pd.DataFrame] = []
+    remarks, seen, main = list(rules.remarks), dict[bytes, str](), dict[str, str]()
+    liquids: tuple[str, ...] = ()
+    for done, chosen in enumerate(rules.sets):
+        words, is_main = _words(chosen), chosen == rules.main
+        report(f"excluded: {words}", done, len(rules.sets))
+        found = match_study(study, replace(options, exclude=chosen))
+        if not done:
+            _check_claim(claim, found.people)
+            liquids = tuple(one.trials.liquid for one in found.people)
+        # Rules that take out nothing of a liquid's answers make no other analysis of it.
+        new = [one for one in found.people if _digest(one.trials) not in seen]
+        first = {one.trials.liquid: seen.setdefault(_digest(one.trials), words)
+                 for one in found.people}  # fmt: skip
+        main |= first if is_main else {}
+        for one in new:
+            analyses += _by_answers(one, words, settings)
+            if options.bayes:
+                by_likelihood, said = _by_likelihood(one, words, settings, report)
+                analyses += by_likelihood
+                remarks += [f"excluded: {words}: {text}" for text in said]
+            remarks += _unknown(one, words)
+        remarks += _remarks(found, words, liquids, is_main=is_main)
+        chances += _against_each_truth(found.people, new, words, settings)
+    if not analyses:
+        raise InputError(f"{found.read.path}: {'; '.join(remarks)}")
+    return _Made(found.read.simulated, analyses, chances, main, remarks)
 
 
 # Exclusions -------------------------------------------------------------------------
@@ -313,6 +328,8 @@ def _by_answers(one: PeopleAndModels, exclusions: str, settings: Settings) -> It
     people, scenes = one.trials.participant_count, len(one.trials.scenes)
     for by in get_args(PairMeasure):
         names = [name for name in one.names if by == "r" or not is_fitted(name)]
+        if not names:
+            continue
         judgments = np.stack([one.models[name] for name in names])
         observed = NEARER[by] * getattr(measured(mean_judgments(responses), judgments), by)
         values = dict(zip(names, observed.tolist(), strict=True))
@@ -424,8 +441,9 @@ def _truths(one: PeopleAndModels) -> list[str]:
 
 
 def _check_claim(claim: str, people: Sequence[PeopleAndModels]) -> None:
+    """Refuse a claim about a model that is compared for no liquid."""
     names = list(dict.fromkeys(name for one in people for name in one.names))
-    if claim not in names:
+    if claim and claim not in names:
         raise InputError(f"claim: {unknown(claim, names)}")
 
 
