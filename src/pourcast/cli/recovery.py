@@ -78,6 +78,7 @@ def recover(
     from pourcast.comparison.agreement import Settings
     from pourcast.comparison.recovery import recover_models, recover_parameter
     from pourcast.report.figures.design import recovery
+    from pourcast.statistics.jackknife import FEWEST, unknowable
 
     common: dict[str, Any] = {
         "observers": observers, "studies": studies,
@@ -106,6 +107,8 @@ def recover(
         print_json(records(table.reset_index()))
         return
     typer.echo(f"{title}; {studies} simulated studies of {observers} observers each")
+    if what is Recovered.MODELS and (why := unknowable(over.value, observers, FEWEST)):
+        typer.echo(f"(no model is told from others: {why})")
     shown = table.copy()
     shown.columns = [
         f"{name:g}" if isinstance(name, int | float) else str(name).replace("_", " ")
