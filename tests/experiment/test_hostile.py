@@ -77,6 +77,13 @@ def test_nothing_that_is_sent_makes_it_fail(hostile_api, data):
 
 
 @pytest.mark.slow
+@settings(max_examples=3_000, deadline=None, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_nothing_in_thousands_of_requests_makes_it_fail(hostile_api, data):
+    _never_fails(*hostile_api, data)
+
+
+@pytest.mark.study
 @settings(max_examples=10_000, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_nothing_in_ten_thousand_requests_makes_it_fail(hostile_api, data):

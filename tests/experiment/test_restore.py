@@ -387,14 +387,21 @@ def test_several_losses_in_one_studys_life(study):
     assert life.check() > 20
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1))
-def test_a_thousand_records_of_twenty_people_survive_five_losses(tmp_path, seed):
+@pytest.mark.parametrize(
+    ("losses", "actions", "least"),
+    [
+        pytest.param(3, 400, 300, marks=pytest.mark.slow),
+        pytest.param(5, 1400, 1000, marks=pytest.mark.study),
+    ],
+)
+def test_hundreds_of_records_of_twenty_people_survive_several_losses(
+    tmp_path, losses, actions, least
+):
     study = small_study(tmp_path / "s", scenes=40, design=EXP1 + "places = 100\n")
-    life = Life(study, seed)
+    life = Life(study, 0)
     records = 0
-    for number in range(5):
-        life.week(comers=20 if number == 0 else 3, actions=1400 if number == 0 else 250)
+    for number in range(losses):
+        life.week(comers=20 if number == 0 else 3, actions=actions if number == 0 else 250)
         records += sum(map(len, life.answers.values()))
         before = everything(study)
         life.lose()
@@ -409,7 +416,7 @@ def test_a_thousand_records_of_twenty_people_survive_five_losses(tmp_path, seed)
         life.lose()
         with server(study, clock=life.clock):
             life.check()
-    assert records > 1000
+    assert records > least
 
 
 # Journals of the older form ------------------------------------------------------------------

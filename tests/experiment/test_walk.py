@@ -64,10 +64,13 @@ def test_nothing_is_lost_in_walks_of_a_hundred_steps(request, template, kind, ch
     walk(template, database, walks=walks, steps=100, chosen=chosen)
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "requests",
+    [pytest.param(110, marks=pytest.mark.slow), pytest.param(250, marks=pytest.mark.study)],
+)
 @pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
 def test_nothing_is_lost_when_the_real_server_is_killed_while_several_answer(
-    request, tmp_path, template, kind
+    request, tmp_path, template, kind, requests
 ):
     study = shutil.copytree(template, tmp_path / "study")
     with ExitStack() as resources:
@@ -79,7 +82,7 @@ def test_nothing_is_lost_when_the_real_server_is_killed_while_several_answer(
         meter, kills, moments = Meter(), 0, random.Random(1)
         with ServerProcess(study, *options) as process:
             lab = {"lab": process.lab.rpartition("=")[2]}
-            people = [Wanderer(process.port, lab if k % 2 else None, k, 250, meter)
+            people = [Wanderer(process.port, lab if k % 2 else None, k, requests, meter)
                       for k in range(8)]  # fmt: skip
             for someone in people:
                 someone.start()
@@ -94,7 +97,7 @@ def test_nothing_is_lost_when_the_real_server_is_killed_while_several_answer(
                 kills += 1
             assert [someone.error for someone in people] == [None] * len(people)
         print(f"walk: {meter.count} requests of {len(people)} people, {kills} kills, {kind}")
-        assert meter.count >= 2000
+        assert meter.count >= len(people) * requests
         check_visits(study, url, [visit for someone in people for visit in someone.visits])
 
 
