@@ -6,7 +6,7 @@ letters beyond ASCII it has a byte-order mark.
 
 import codecs
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
 from typing import Literal
@@ -294,6 +294,19 @@ def write_table(path: Path, table: pd.DataFrame) -> None:
             temporary.write_bytes(csv_bytes(table))
         else:
             table.to_parquet(temporary, index=False)
+
+
+def marked(tables: Mapping[str, pd.DataFrame], *, simulated: bool) -> dict[str, pd.DataFrame]:
+    """Tables by their names; if observers were simulated, with a column that says so."""
+    return {
+        name: table.assign(simulated=True) if simulated else table for name, table in tables.items()
+    }
+
+
+def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame]) -> None:
+    """Write tables as CSV files of their names; see `write_table`."""
+    for name, table in tables.items():
+        write_table(folder / f"{name}.csv", table)
 
 
 def csv_bytes(table: pd.DataFrame, *, mark: bool = True) -> bytes:

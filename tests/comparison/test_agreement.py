@@ -12,9 +12,11 @@ from pourcast.comparison.agreement import (
     people_table,
     reliability_table,
 )
+from pourcast.comparison.answer import answers
 from pourcast.comparison.candidates import candidates
 from pourcast.comparison.design import Design, power_table
 from pourcast.comparison.window import variance_table, variance_tests, window_variances
+from pourcast.statistics.jackknife import over_words
 from pourcast.statistics.observer import Population
 from tests.comparison.make import made_up, people_like, voronoi_scenes
 
@@ -215,3 +217,16 @@ def test_variance_over_the_windows():
         )
         == {}
     )
+
+
+def test_the_answer_says_how_models_were_tested_or_why_not():
+    one = compared()
+    tables = {
+        "agreement": agreement_table(one, SETTINGS), "differences": differences_table(one, SETTINGS)
+    }  # fmt: skip
+    assert answers(tables)[0].endswith("; p < .05, Holm.)")
+    untested = tables | {"differences": tables["differences"].assign(p_holm=np.nan)}
+    assert answers(untested)[0].endswith("(Nothing was tested: a note says why.)")
+    # One model alone has nothing to be tested against, and its interval holds over something.
+    alone = {"agreement": tables["agreement"].head(1)}
+    assert answers(alone)[0].endswith(f"(Over {over_words(SETTINGS.over)}.)")

@@ -11,7 +11,7 @@ from pourcast import cli
 from pourcast.comparison.agreement import Settings
 from pourcast.comparison.compare import compare_study
 from pourcast.comparison.matching import ComparisonOptions
-from pourcast.comparison.multiverse import FINDINGS, NO_RULE, study_multiverse
+from pourcast.comparison.multiverse import FINDINGS, LIKELIHOOD, NO_RULE, study_multiverse
 from pourcast.errors import InputError
 from pourcast.scenes.scene_file import write_scenes
 from pourcast.tables import write_table
@@ -136,6 +136,44 @@ def test_answers_that_are_all_0_or_1_are_analysed(folder):
     write_responses(folder, table.assign(response=table["response"].round()))
     found = study_multiverse(folder, options("max-rt=30"))
     assert len(found.tables["analyses"]) == 12
+
+
+def test_of_answers_that_are_all_the_same_nothing_is_claimed_unless_somebody_does(folder):
+    write_responses(folder, responses_of(folder).assign(response=0.5))
+    with pytest.raises(InputError, match="nothing is claimed: no model correlates"):
+        study_multiverse(folder, options())
+    found = study_multiverse(folder, options(), "gravity")
+    by = found.tables["findings"].set_index("measure")["finding"]
+    assert set(by["r"]) == {"unknown"}
+    assert "unknown" not in set(by["rmse"])
+    assert " of 1 combinations" in found.answers[0]
+    assert found.tables["choices"].set_index("option")["nearest"].isna()["r"]
+
+
+def test_rules_that_leave_too_few_scenes_are_not_analysed_and_it_is_said(folder, scenes):
+    table = responses_of(folder)
+    late = ~table["scene"].isin([scene.id for scene in scenes[:2]])
+    write_responses(folder, table.assign(rt=np.where(late, 99.0, 4.0)))
+    found = study_multiverse(folder, options("max-rt=30", "min-sd=0.1"))
+    assert set(found.tables["analyses"]["exclusions"]) == {NO_RULE, "min-sd=0.1"}
+    assert sum("2 scenes were answered" in remark for remark in found.remarks) == 2
+
+
+@pytest.mark.slow
+def test_the_likelihood_is_that_of_compare_over_scenes_and_over_participants(folder):
+    pytest.importorskip("numpyro")
+    asked = replace(options("max-rt=30"), bayes=True)
+    found = study_multiverse(folder, asked, "gravity").tables["findings"]
+    own = found[(found["measure"] == LIKELIHOOD) & (found["exclusions"] == "max-rt=30")]
+    table = compare_study(folder, asked).tables["loo_differences"]
+    for unit, rows in own.groupby("over"):
+        for row in rows.to_dict("records"):
+            pair = table[(table["unit"] == unit) & table["model"].isin(["gravity", row["rival"]])]
+            pair = pair[pair["rival"].isin(["gravity", row["rival"]])].iloc[0]
+            sign = 1 if pair["model"] == "gravity" else -1
+            assert row["difference"] == pytest.approx(sign * pair["difference"])
+            assert row["p_holm"] == pytest.approx(pair["p_holm"])
+    assert set(own["over"]) == {"scenes", "participants"}
 
 
 def test_what_cannot_be_asked_is_refused(folder):

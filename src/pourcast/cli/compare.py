@@ -135,17 +135,16 @@ def compare(
     """
     from pourcast.comparison.compare import compare_study
     from pourcast.files import check_writable
-    from pourcast.tables import write_table
+    from pourcast.tables import marked, write_tables
 
     if out is not None:
         check_writable(out / "agreement.csv")
     options = options_of(responses, model, columns, scale, exclude, over, seed, carry_from, bayes)
     with progress_bar() as report:
         found = compare_study(study, options, report)
-    tables = found.marked_tables()
+    tables = marked(found.tables, simulated=found.simulated)
     if out is not None:
-        for name, table in tables.items():
-            write_table(out / f"{name}.csv", table)
+        write_tables(out, tables)
     if as_json:
         rows = {name: records(table) for name, table in tables.items()}
         print_json(
@@ -213,12 +212,17 @@ def _print_comparison(found: "Comparison") -> None:
         typer.echo(f"\n{TABLES[name]}{said}")
         if "liquid" not in table or "liquid" in columns:
             _print_columns(table, (*columns, *_parameters(table)))
-            continue
-        for liquid, rows in table.groupby("liquid", sort=False):
-            typer.echo(f"{liquid} trials:")
-            _print_columns(rows, columns)
+        else:
+            print_by_liquid(table, columns)
     if "choice" in found.tables:
         _print_flat(found.tables["choice"])
+
+
+def print_by_liquid(table: "pd.DataFrame", columns: "Sequence[str]") -> None:
+    """Some columns of a table, for each liquid by itself."""
+    for liquid, rows in table.groupby("liquid", sort=False):
+        typer.echo(f"{liquid} trials:")
+        _print_columns(rows, columns)
 
 
 def _parameters(table: "pd.DataFrame") -> list[str]:
@@ -227,7 +231,7 @@ def _parameters(table: "pd.DataFrame") -> list[str]:
     return names[names.index("liquid") + 1 : names.index("fitted")] if "fitted" in names else []
 
 
-def _print_columns(table: "pd.DataFrame", columns: tuple[str, ...]) -> None:
+def _print_columns(table: "pd.DataFrame", columns: "Sequence[str]") -> None:
     from pourcast.report.display import readable
 
     if "difference" in table and len(table) > _MOST_ROWS:

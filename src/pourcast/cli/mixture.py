@@ -13,9 +13,10 @@ from pourcast.cli.compare import (
     ScaleOption,
     options_of,
     print_about,
+    print_by_liquid,
 )
 from pourcast.cli.options import JsonOption, ModelOption, SeedOption, StudyArgument
-from pourcast.cli.terminal import print_json, print_table, progress_bar, records
+from pourcast.cli.terminal import print_json, progress_bar, records
 
 
 @app.command()
@@ -46,9 +47,8 @@ def mixture(
     from pourcast.extras import require_extra
     from pourcast.files import check_writable
     from pourcast.pictures.style import save_figure
-    from pourcast.report.display import readable
     from pourcast.report.figures.people import heads
-    from pourcast.tables import write_table
+    from pourcast.tables import marked, write_tables
 
     require_extra("bayes")
     from pourcast.statistics.sampling import Sampling
@@ -60,9 +60,7 @@ def mixture(
     with progress_bar() as report:
         found = study_mixture(study, options, sampling, report)
     if out is not None:
-        for name, table in found.tables.items():
-            marked = table.assign(simulated=True) if found.simulated else table
-            write_table(out / f"{name}.csv", marked)
+        write_tables(out, marked(found.tables, simulated=found.simulated))
         figure = heads(found.tables["people"])
         save_figure(figure, out / "people", simulated=found.simulated)
     if as_json:
@@ -72,9 +70,7 @@ def mixture(
     print_about(found.simulated, (), found.exclusions, found.remarks)
     for name in ("shares", "population"):
         typer.echo(f"\n{TABLES[name]}")
-        for liquid, rows in found.tables[name].groupby("liquid", sort=False):
-            typer.echo(f"{liquid} trials:")
-            shown = readable(rows.drop(columns="liquid"))
-            print_table(shown.set_index(shown.columns[0]))
+        table = found.tables[name]
+        print_by_liquid(table, [str(column) for column in table if column != "liquid"])
     if out is not None:
         typer.echo(f"\n{out}: single participants and their parameters, too")

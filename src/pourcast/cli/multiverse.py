@@ -13,9 +13,10 @@ from pourcast.cli.compare import (
     ScaleOption,
     options_of,
     print_about,
+    print_by_liquid,
 )
 from pourcast.cli.options import JsonOption, ModelOption, SeedOption, StudyArgument
-from pourcast.cli.terminal import print_json, print_table, progress_bar, records
+from pourcast.cli.terminal import print_json, progress_bar, records
 
 
 @app.command()
@@ -54,9 +55,8 @@ def multiverse(
     from pourcast.comparison.multiverse import TABLES, study_multiverse
     from pourcast.files import check_writable
     from pourcast.pictures.style import save_figure
-    from pourcast.report.display import readable
     from pourcast.report.figures import multiverse as figures
-    from pourcast.tables import write_table
+    from pourcast.tables import marked, write_tables
 
     if out is not None:
         check_writable(out / "findings.csv")
@@ -64,9 +64,7 @@ def multiverse(
     with progress_bar() as report:
         found = study_multiverse(study, options, claim or "", report)
     if out is not None:
-        for name, table in found.tables.items():
-            marked = table.assign(simulated=True) if found.simulated else table
-            write_table(out / f"{name}.csv", marked)
+        write_tables(out, marked(found.tables, simulated=found.simulated))
         figure = figures.multiverse(found.tables, options.settings.level)
         save_figure(figure, out / "multiverse", simulated=found.simulated)
     if as_json:
@@ -84,10 +82,7 @@ def multiverse(
     for name in ("choices", "chance"):
         if name in found.tables:
             typer.echo(f"\n{TABLES[name]}")
-            for liquid, rows in found.tables[name].groupby("liquid", sort=False):
-                typer.echo(f"{liquid} trials:")
-                shown = readable(rows[[key for key in _PRINTED[name] if key in rows]])
-                print_table(shown.set_index(shown.columns[0]))
+            print_by_liquid(found.tables[name], _PRINTED[name])
     if out is not None:
         typer.echo(f"\n{out}: every analysis, and the figure")
 

@@ -107,6 +107,7 @@ def recover(
         print_json(records(table.reset_index()))
         return
     typer.echo(f"{title}; {studies} simulated studies of {observers} observers each")
+    # Of scenes, which the study's folder has, there may be too few as well.
     if what is Recovered.MODELS and (why := unknowable(over.value, observers, FEWEST)):
         typer.echo(f"(no model is told from others: {why})")
     shown = table.copy()

@@ -13,7 +13,6 @@ from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import MEASURES, agreement, mean_judgments
 from pourcast.statistics.differences import compare_pairs, holm
 from pourcast.statistics.jackknife import (
-    FEWEST,
     LEVEL,
     SCALES,
     SHARE,
@@ -265,7 +264,7 @@ def unknown_reliability(trials: Trials, table: pd.DataFrame) -> str:
         elif row["split_half"] <= 0.0:
             why = "halves of the participants don't agree: Spearman-Brown has nothing to go by"
         elif np.isnan(row["reliability_low"]):
-            why = f"an interval over scenes needs at least {FEWEST} of them, not {scenes}"
+            why = unknowable("scenes", people, scenes) or "the reliability has no interval"
             return f"{trials.liquid}: no share of explainable variance: {why}"
         elif row["reliability_low"] <= 0.0:
             return (

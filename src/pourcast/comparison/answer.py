@@ -49,17 +49,19 @@ def _answer(
     nearest = f"{called(liquid)}: {best} agrees best with people, {_number(rows, best, 'r')}"
     told = _told(liquid, best, list(rows["r"].sort_values(ascending=False).index), tables, level)
     ceiling = _ceiling(liquid, tables)
-    over = over_words(str(rows["over"].iloc[0]))
-    how = f"(Over {over}; p < {f'{1.0 - level:.2g}'.lstrip('0')}, Holm.)"
-    if not _is_tested(liquid, tables):
-        how = "(Nothing was tested: a note says why.)"
+    how = _how(liquid, over_words(str(rows["over"].iloc[0])), tables, level)
     return " ".join(part for part in (f"{nearest}{told}.", ceiling, how) if part)
 
 
-def _is_tested(liquid: str, tables: Mapping[str, pd.DataFrame]) -> bool:
-    """Whether any difference between models has a p value."""
+def _how(liquid: str, over: str, tables: Mapping[str, pd.DataFrame], level: float) -> str:
+    """What the answer holds over, and how models were tested; there may be nothing to test."""
     table = tables.get("differences", pd.DataFrame({"liquid": [], "p_holm": []}))
-    return bool(table.loc[table["liquid"] == liquid, "p_holm"].notna().any())
+    p = table.loc[table["liquid"] == liquid, "p_holm"]
+    if p.empty:
+        return f"(Over {over}.)"
+    if p.isna().all():
+        return "(Nothing was tested: a note says why.)"
+    return f"(Over {over}; p < {f'{1.0 - level:.2g}'.lstrip('0')}, Holm.)"
 
 
 def _told(

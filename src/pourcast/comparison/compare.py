@@ -94,12 +94,6 @@ class Comparison:
         """Which model is nearest to people, and how sure that is; a line a liquid."""
         return answers(self.tables, self.settings.level)
 
-    def marked_tables(self) -> dict[str, pd.DataFrame]:
-        """The tables; if observers were simulated, with a column that says so."""
-        if not self.simulated:
-            return self.tables
-        return {name: table.assign(simulated=True) for name, table in self.tables.items()}
-
 
 TABLES = {
     "agreement": "Agreement of each model with people's mean judgments",

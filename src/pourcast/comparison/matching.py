@@ -173,9 +173,14 @@ def match_study(study: Path, options: ComparisonOptions, report: Report = no_rep
     """
     if options.bayes:
         require_extra("bayes")
-    scenes = study_scenes(study)
-    read = study_trials(study, options)
-    trials, path = read.trials, read.path
+    return match_trials(study, study_trials(study, options), options, report)
+
+
+def match_trials(
+    study: Path, read: StudyTrials, options: ComparisonOptions, report: Report = no_report
+) -> Matched:
+    """The same for responses that were read already; see `match_study`."""
+    scenes, trials, path = study_scenes(study), read.trials, read.path
     if options.bayes and any(one.means_of is not None for one in trials):
         raise InputError(f"{path}: --bayes needs single answers, and only means are known")
     for one in trials:

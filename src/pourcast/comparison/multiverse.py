@@ -22,10 +22,11 @@ from pourcast.comparison.matching import (
     ComparisonOptions,
     Matched,
     StudyTrials,
-    match_study,
+    match_trials,
     study_trials,
 )
 from pourcast.errors import InputError, unknown
+from pourcast.extras import require_extra
 from pourcast.progress import Report, no_report
 from pourcast.scenes.liquids.registry import called
 from pourcast.statistics.correlation import agreement as measured
@@ -193,15 +194,24 @@ class _Made(NamedTuple):
 
 
 def _analysed(study: Path, options: ComparisonOptions, claim: str, report: Report) -> _Made:
+    if options.bayes:
+        require_extra("bayes")
     settings, rules = options.settings, _tried_rules(study, options)
     analyses: list[_Analysis] = []
     chances: list[pd.DataFrame] = []
     remarks, seen, main = list(rules.remarks), dict[bytes, str](), dict[str, str]()
     liquids: tuple[str, ...] = ()
-    for done, chosen in enumerate(rules.sets):
+    for done, (chosen, read) in enumerate(rules.sets.items()):
         words, is_main = _words(chosen), chosen == rules.main
         report(f"excluded: {words}", done, len(rules.sets))
-        found = match_study(study, replace(options, exclude=chosen))
+        try:
+            found = match_trials(study, read, options)
+        except InputError as error:
+            # What is wrong with the study or the models is so without rules, too.
+            if not done:
+                raise
+            remarks.append(_not_analysed(words, error))
+            continue
         if not done:
             _check_claim(claim, found.people)
             liquids = tuple(one.trials.liquid for one in found.people)
@@ -262,9 +272,12 @@ def rules_in(words: str) -> list[str]:
 
 
 class _Rules(NamedTuple):
-    """Sets of rules that differ in what they take out, and that of the main analysis among them."""
+    """Sets of rules that differ in what they take out, and what they leave.
 
-    sets: list[tuple[str, ...]]
+    `main`: that of the main analysis, one of them.
+    """
+
+    sets: dict[tuple[str, ...], StudyTrials]
     main: tuple[str, ...]
     remarks: list[str]
 
@@ -275,29 +288,35 @@ def _tried_rules(study: Path, options: ComparisonOptions) -> _Rules:
             f"exclude: {len(options.exclude)} rules, expected at most {MOST_RULES}: each is tried "
             "with and without all others"
         )
-    rules, said = list(dict.fromkeys(options.exclude)), []
+    main, said = tuple(dict.fromkeys(options.exclude)), []
+    rules = list(main)
     if not rules:
-        everybody = study_trials(study, replace(options, exclude=()))
+        everybody = study_trials(study, options)
         rules = [rule for rule in usual_rules(everybody) if _takes_out(study, options, rule)]
         said = [
             f"tried are the usual exclusions that take somebody out ({', '.join(rules) or 'none'});"
             " --exclude names others"
         ]
-    sets: dict[bytes, tuple[str, ...]] = {}
-    for size in range(len(rules) + 1):
-        for chosen in combinations(rules, size):
-            try:
-                left = study_trials(study, replace(options, exclude=chosen))
-            except InputError as error:
-                if size < 2:
-                    raise
-                said.append(f"not analysed: excluded: {_words(chosen)} ({error})")
-                continue
-            sets.setdefault(_all_of(left), chosen)
-    tried = {rule for chosen in sets.values() for rule in chosen}
+    sets: dict[tuple[str, ...], StudyTrials] = {}
+    first: dict[bytes, tuple[str, ...]] = {}
+    for chosen in (some for size in range(len(rules) + 1) for some in combinations(rules, size)):
+        try:
+            left = study_trials(study, replace(options, exclude=chosen))
+        except InputError as error:
+            if len(chosen) < 2 or chosen == main:
+                raise
+            said.append(_not_analysed(_words(chosen), error))
+            continue
+        same = first.setdefault(b"".join(_digest(one) for one in left.trials), chosen)
+        sets.setdefault(same, left)
+        main = same if chosen == main else main
+    tried = {rule for chosen in sets for rule in chosen}
     said += [f"{rule} takes nothing out that others don't" for rule in rules if rule not in tried]
-    main = _all_of(study_trials(study, replace(options, exclude=tuple(options.exclude))))
-    return _Rules(list(sets.values()), sets[main], said)
+    return _Rules(sets, main, said)
+
+
+def _not_analysed(words: str, error: InputError) -> str:
+    return f"not analysed: excluded: {words} ({error})"
 
 
 def _takes_out(study: Path, options: ComparisonOptions, rule: str) -> bool:
@@ -307,10 +326,6 @@ def _takes_out(study: Path, options: ComparisonOptions, rule: str) -> bool:
     except InputError:
         return False
     return any(one.trials for one in left.exclusions)
-
-
-def _all_of(read: StudyTrials) -> bytes:
-    return b"".join(_digest(one) for one in read.trials)
 
 
 def _digest(one: Trials) -> bytes:
@@ -362,8 +377,9 @@ def _by_likelihood(
 
     responses, liquid = one.trials.responses, one.trials.liquid
     found = compare_models(
-        responses, one.models, Sampling(seed=settings.seed), report, level=settings.level
-    )
+        responses, one.models, Sampling(seed=settings.seed), report, level=settings.level,
+        checked=False,
+    )  # fmt: skip
     analyses, (people, scenes) = [], responses.shape
     for unit in dict.fromkeys(found.loo["unit"]) if len(found.loo) else ():
         rows = found.loo[found.loo["unit"] == unit]
@@ -440,6 +456,9 @@ def _truths(one: PeopleAndModels) -> list[str]:
 # Findings ---------------------------------------------------------------------------
 
 
+_NOTHING_CLAIMED = "nothing is claimed: no model correlates with what people answered"
+
+
 def _check_claim(claim: str, people: Sequence[PeopleAndModels]) -> None:
     """Refuse a claim about a model that is compared for no liquid."""
     names = list(dict.fromkeys(name for one in people for name in one.names))
@@ -463,6 +482,8 @@ def _claims(
         exact = [one for one in by_r if one.exclusions == main.get(liquid)]
         over = [one for one in exact if one.over == settings.over]
         claims[liquid] = next((one.best for one in (*over, *exact, *by_r)), "")
+    if not any(claims.values()):
+        raise InputError(f"claim: {_NOTHING_CLAIMED}; name one (--claim MODEL)")
     return claims
 
 
@@ -474,7 +495,7 @@ def _claims_remarks(
         everything = [one for one in analyses if one.liquid == liquid]
         without = [one for one in everything if own not in one.nearness]
         if not own:
-            yield f"{liquid}: nothing is claimed: no model correlates with what people answered"
+            yield f"{liquid}: {_NOTHING_CLAIMED}"
             continue
         if claim and own != claim:
             yield f"{liquid}: there is no {claim}: {own} is claimed in its place"
@@ -551,27 +572,27 @@ def _choices_table(analyses: pd.DataFrame) -> pd.DataFrame:
     A row a liquid, choice and option: `analyses`; `nearest`, the share in which the claimed model
     is the nearest; `told_from`, the mean share of the others from which it is told to be nearer.
     """
-    table = analyses.copy()
-    others = table[[_as_column(finding) for finding in FINDINGS]].sum(axis=1)
-    table["told_from"] = table["told_nearer"] / others
-    rules = dict.fromkeys(rule for words in table["exclusions"] for rule in rules_in(words))
-    options = {"measure": table["measure"], "over": table["over"]}
-    for rule in rules:
-        applied = [rule in rules_in(words) for words in table["exclusions"]]
-        options[rule] = pd.Series(np.where(applied, "excluded", "not"), index=table.index)
-    parts = []
-    for liquid, rows in table.groupby("liquid", sort=False):
-        for choice, option in options.items():
-            if choice in rules and option.loc[rows.index].nunique() < 2:
-                continue  # Of this liquid it takes nothing out.
-            for name, some in rows.groupby(option.loc[rows.index], sort=False):
-                parts.append(
-                    {
-                        "liquid": liquid, "choice": choice, "option": name, "analyses": len(some),
-                        "nearest": some["nearest"].mean(), "told_from": some["told_from"].mean(),
-                    }
-                )  # fmt: skip
-    return pd.DataFrame(parts)
+    others = analyses[[_as_column(finding) for finding in FINDINGS]].sum(axis=1)
+    table = analyses.assign(
+        nearest=analyses["nearest"].astype(float).where(analyses["best"] != ""),
+        told_from=analyses["told_nearer"] / others,
+    )
+    applied = table["exclusions"].map(rules_in)
+    options = {"measure": table["measure"], "over": table["over"]} | {
+        rule: applied.map(lambda rules, rule=rule: "excluded" if rule in rules else "not")
+        for rule in dict.fromkeys(applied.explode().dropna())
+    }
+    every = pd.concat([table.assign(choice=name, option=of) for name, of in options.items()])
+    found = every.groupby(["liquid", "choice", "option"], sort=False).agg(
+        analyses=("option", "size"), nearest=("nearest", "mean"), told_from=("told_from", "mean")
+    )  # fmt: skip
+    found = found.reset_index()
+    # A rule that takes nothing out of a liquid's answers is no choice there.
+    is_choice = found.groupby(["liquid", "choice"])["option"].transform("size") > 1
+    found = found[is_choice | found["choice"].isin(["measure", "over"])]
+    order = list(table["liquid"].unique())
+    by_liquid = found.sort_values("liquid", kind="stable", key=lambda names: names.map(order.index))
+    return by_liquid.reset_index(drop=True)
 
 
 # The answer -------------------------------------------------------------------------
@@ -586,6 +607,7 @@ def _answer(claim: str, findings: pd.DataFrame, analyses: pd.DataFrame) -> str:
     # Over what a conclusion holds changes nothing of which model is nearest, but by likelihood.
     by = own["measure"].where(own["measure"] != LIKELIHOOD, own["measure"] + own["over"])
     ways = own.assign(by=by).drop_duplicates(["exclusions", "by"])
+    ways = ways[ways["best"] != ""]
     others = list(dict.fromkeys(ways["best"][~ways["nearest"]]))
     instead = f" (elsewhere {_listed(others)})" if others else ""
     first = (

@@ -26,7 +26,7 @@ from pourcast.statistics.correlation import mean_judgments
 from pourcast.study.chosen import read_chosen
 from pourcast.study.experiments.base import Experiment, published_with_people
 from pourcast.study.folder import study_liquids
-from pourcast.tables import write_table
+from pourcast.tables import marked, write_table, write_tables
 
 ONLY_IN_FILES = ("scores", "judgments", "participants", "predictive_tenths")
 """Tables too long for the page, or shown as a figure; they lie in `tables/`."""
@@ -90,8 +90,7 @@ def write_report(
         simulated = shown.section == "design" or (comparison.simulated and shown.of_people)
         save_figure(shown.figure, folder / "figures" / shown.name, simulated=simulated)
     films = contents.films(comparison, folder / "films", options.films, tell)
-    for name, table in comparison.marked_tables().items():
-        write_table(folder / "tables" / f"{name}.csv", table)
+    write_tables(folder / "tables", marked(comparison.tables, simulated=comparison.simulated))
     for shown in figures:
         if shown.table is not None:
             flagged = shown.table.rename(columns=str).assign(simulated=True)

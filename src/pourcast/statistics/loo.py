@@ -63,6 +63,7 @@ def compare_models(
     report: Report = no_report,
     *,
     level: float = LEVEL,
+    checked: bool = True,
 ) -> LooComparison:
     """Fit the response model with each model's judgments, and compare them by PSIS-LOO.
 
@@ -80,6 +81,9 @@ def compare_models(
         Told of the progress.
     level
         Of the parameters' intervals, and of telling models apart.
+    checked
+        Check each fit, which takes its time: `checks`, `tenths` and sensitivities of
+        `parameters` are there only then.
     """
     sampler = Sampler(response_model, sampling)
     data = [Answers.of(responses, judgments) for judgments in models.values()]
@@ -91,14 +95,15 @@ def compare_models(
         report(f"fitting {name}", done, len(models))
         posterior = next(posteriors)
         summary = posterior.summary(PARAMETERS, level)
-        sensitivity = prior_sensitivity(posterior, one)
-        summaries.append(_of_model(name, summary.join(sensitivity)))
-        checked = predictive_checks(
-            posterior, one, sampler.sampling.seed,
-            replicates=sampler.sampling.replicates, level=level,
-        )  # fmt: skip
-        checks.append(_of_model(name, checked.statistics))
-        tenths.append(_of_model(name, checked.tenths))
+        if checked:
+            summary = summary.join(prior_sensitivity(posterior, one))
+            found = predictive_checks(
+                posterior, one, sampler.sampling.seed,
+                replicates=sampler.sampling.replicates, level=level,
+            )  # fmt: skip
+            checks.append(_of_model(name, found.statistics))
+            tenths.append(_of_model(name, found.tenths))
+        summaries.append(_of_model(name, summary))
         for unit in units:
             left_out[unit][name] = leave_out(unit, sampler, posterior, one)
     parameters = _stacked(summaries)
